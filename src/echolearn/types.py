@@ -1,0 +1,248 @@
+"""The nouns of the project: small frozen values, checked when they are made."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+SPEED_OF_SOUND = 343.0
+"""m/s, the paper's value."""
+
+
+class BadValue(ValueError):
+    """A value from outside that cannot be used: `name=value unit`, what is allowed, the likely mistake."""
+
+
+def check(condition: bool, name: str, value: object, *, allowed: str, hint: str = "") -> None:
+    """Raise `BadValue` in the house's one-line form unless `condition` holds.
+
+    Args:
+        condition: what must be true.
+        name: dotted name of the offending argument.
+        value: its value, with its unit where it has one.
+        allowed: what would be accepted.
+        hint: the likely mistake, or what to do about it.
+    """
+    if not condition:
+        raise BadValue(f"{name}={value}: {allowed}" + (f"; {hint}" if hint else ""))
+
+
+def is_number(value: object) -> bool:
+    """Tell whether `value` is a finite real number (a bool is not)."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def check_number(
+    name: str, value: object, *, low: float = -math.inf, high: float = math.inf, unit: str = "", hint: str = ""
+) -> None:
+    """Raise `BadValue` unless `value` is a number in [low, high]."""
+    allowed = f"a number from {low:g} to {high:g}" + (f" {unit}" if unit else "")
+    shown = f"{value} {unit}".rstrip()
+    check(is_number(value), name, shown, allowed=allowed, hint=hint or "was text given for a number?")
+    check(low <= float(value) <= high, name, shown, allowed=allowed, hint=hint)  # type: ignore[arg-type]
+
+
+def check_whole(name: str, value: object, *, low: int, high: int = 10**9, unit: str = "", hint: str = "") -> None:
+    """Raise `BadValue` unless `value` is a whole number in [low, high]."""
+    check_number(name, value, low=low, high=high, unit=unit, hint=hint)
+    check(isinstance(value, int | np.integer), name, f"{value} {unit}".rstrip(), allowed="a whole number", hint=hint)
+
+
+@dataclass(frozen=True)
+class Room:
+    """A shoebox room spanning [0, size].
+
+    Attributes:
+        size: length, width, height in m.
+        t60: reverberation time in s; Sabine's formula turns it into one absorption for all walls.
+        walls: factor (0 to 1) on each wall's reflection coefficient, in the order x=0, x=max, y=0, y=max,
+            floor, ceiling; 0 is a wall that does not reflect.
+    """
+
+    size: tuple[float, float, float]
+    t60: float
+    walls: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check(len(self.size) == 3, "room.size", list(self.size), allowed="three lengths in m")
+        for length in self.size:
+            check_number("room.size", length, low=0.5, high=200.0, unit="m")
+        check(len(self.walls) == 6, "room.walls", list(self.walls), allowed="six factors from 0 to 1")
+        for factor in self.walls:
+            check_number("room.walls", factor, low=0.0, high=1.0)
+        object.__setattr__(self, "size", tuple(float(v) for v in self.size))
+        object.__setattr__(self, "walls", tuple(float(v) for v in self.walls))
+        check_number("room.t60", self.t60, low=0.01, high=10.0, unit="s")
+        shape = " x ".join(f"{length:g}" for length in self.size)
+        check(
+            self.sabine_absorption() < 1.0,
+            "room.t60",
+            f"{self.t60:g} s",
+            allowed=f"at least {self.shortest_t60():.3f} s in a {shape} m room by Sabine's formula",
+            hint="walls cannot absorb more than everything; use a longer T60 or a smaller room",
+        )
+
+    def shortest_t60(self, speed_of_sound: float = SPEED_OF_SOUND) -> float:
+        """Return the T60 in s at which Sabine's absorption reaches 1: 24 ln(10) V / (c S)."""
+        x, y, z = self.size
+        return 24.0 * math.log(10.0) * x * y * z / (speed_of_sound * 2.0 * (x * y + y * z + z * x))
+
+    def sabine_absorption(self, speed_of_sound: float = SPEED_OF_SOUND) -> float:
+        """Return the energy absorption coefficient that Sabine's formula gives for `t60`."""
+        return self.shortest_t60(speed_of_sound) / self.t60
+
+    def reflection(self, speed_of_sound: float = SPEED_OF_SOUND) -> Array:
+        """Return the pressure reflection coefficients, shape (6,): factor * sqrt(1 - absorption)."""
+        return np.array(self.walls) * math.sqrt(max(0.0, 1.0 - self.sabine_absorption(speed_of_sound)))
+
+
+@dataclass(frozen=True)
+class MicArray:
+    """Microphones around a loudspeaker at the origin of the robot's frame (x ahead, y left, z up).
+
+    Attributes:
+        positions: microphones, shape (M, 3), in m; the first is the reference.
+    """
+
+    positions: Array
+
+    def __post_init__(self) -> None:
+        positions = np.array(self.positions, dtype=float)
+        check(positions.ndim == 2 and positions.shape[-1] == 3, "array.positions", positions.shape, allowed="shape (M, 3) in m")
+        check(bool(np.isfinite(positions).all()), "array.positions", "NaN or infinity", allowed="finite coordinates in m")
+        positions.setflags(write=False)
+        object.__setattr__(self, "positions", positions)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def radius(self) -> float:
+        """Largest distance of a microphone from the loudspeaker, in m."""
+        return float(np.linalg.norm(self.positions, axis=1).max())
+
+
+@dataclass(frozen=True)
+class Probe:
+    """The known burst the loudspeaker emits.
+
+    Attributes:
+        samples: the burst, shape (L,), before zero-padding.
+        sample_rate: in Hz.
+        length: N, samples recorded from the start of the emission.
+    """
+
+    samples: Array
+    sample_rate: float
+    length: int
+
+    def __post_init__(self) -> None:
+        check_number("probe.sample_rate", self.sample_rate, low=1000.0, high=400_000.0, unit="Hz")
+        check_whole("probe.length", self.length, low=len(self.samples), unit="samples", hint="the recording must hold the burst")
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the robot stands.
+
+    Attributes:
+        position: loudspeaker, shape (3,), in m, room frame.
+        heading: direction of the robot's x axis in the room, in rad.
+    """
+
+    position: Array
+    heading: float = 0.0
+
+
+@dataclass(frozen=True)
+class Observation:
+    """All that an estimator may know: recordings with the direct path removed, and what the robot carries.
+
+    Attributes:
+        samples: recordings, shape (..., M, N); leading axes are a batch of observations.
+        probe: what was emitted.
+        array: where the microphones are.
+        speed_of_sound: in m/s.
+    """
+
+    samples: Array
+    probe: Probe
+    array: MicArray
+    speed_of_sound: float = SPEED_OF_SOUND
+
+
+@dataclass(frozen=True)
+class Truth:
+    """All that an estimator may not know: the first-order echo of each reflecting wall.
+
+    Attributes:
+        toa: at microphone 1, shape (W,), in s.
+        azimuth: in the robot's frame, shape (W,), in rad.
+        elevation: from the array's axis, shape (W,), in rad.
+    """
+
+    toa: Array
+    azimuth: Array
+    elevation: Array
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """Estimated echoes, strongest first; every field has shape (..., R). R = 1 is the paper.
+
+    Attributes:
+        toa: at microphone 1, in s.
+        score: normalised correlation of the recording with the probe at `toa`, -1 to 1.
+        gain: amplitude relative to the probe (Eq. 11).
+        azimuth: in the robot's frame, in rad.
+        elevation: from the array's axis, in rad.
+        power: steered response at the estimate, in the localizer's own linear unit.
+    """
+
+    toa: Array
+    score: Array
+    gain: Array
+    azimuth: Array
+    elevation: Array
+    power: Array
+
+
+@dataclass(frozen=True)
+class EchoMap:
+    """Points of a map with the belief in each.
+
+    Attributes:
+        points: shape (P, 2), in m, room frame.
+        confidence: shape (P,), 0 to 1.
+        kept: shape (P,), bool: survived the filter.
+        poses: robot positions the points were seen from, shape (P, 2), in m.
+    """
+
+    points: Array
+    confidence: Array
+    kept: Array
+    poses: Array = field(default_factory=lambda: np.empty((0, 2)))
+
+
+class Responder(Protocol):
+    """An engine for room impulse responses (`echolearn.rir`)."""
+
+    def __call__(
+        self, room: Room, source: Array, microphones: Array, *, sample_rate: float, speed_of_sound: float
+    ) -> Array:
+        """Return responses from `source` (3,) to `microphones` (M, 3), shape (M, round(t60 * sample_rate))."""
+
+
+class Noise(Protocol):
+    """A source of microphone noise (`echolearn.noise`)."""
+
+    def __call__(self, array: MicArray, *, length: int, sample_rate: float, rng: np.random.Generator) -> Array:
+        """Return noise of unit variance, shape (M, length)."""
+
+
+Localizer = Callable[[Observation], Echoes]
