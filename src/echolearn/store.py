@@ -1,0 +1,263 @@
+"""Files that are whole or absent: atomic writes, checksums, manifests, resumable shards.
+
+A file is written under a temporary name in its own folder, synced and renamed, so at its final name it is
+either the old one or the new one, whatever happens in between. A folder becomes *finished* when its
+`manifest.json`, written last, names every file with its size and SHA-256; the manifest carries a checksum of
+itself. Every read proves these figures first: formats alone let most single flipped bits through in silence.
+
+While a folder is being made, each shard `shard-00000.npy` has its checksum beside it in `shard-00000.json`;
+an interrupted run, or one whose shard was damaged later, redoes only what `missing_shards` returns. `finish`
+moves those checksums into the manifest. Nothing here reads or writes pickles.
+
+The same input gives the same bytes: JSON has sorted keys and shortest floats, and nothing carries a time stamp.
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+import secrets
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from echolearn.types import Array, BadValue
+
+MANIFEST = "manifest.json"
+"""Written last: a folder without it is not finished."""
+
+MEND = "run the command that made it again"
+"""What to do about a damaged file whose manifest names no `command`."""
+
+
+def canonical(plain: Any) -> bytes:
+    """Return the one JSON text of plain containers: sorted keys, no blanks, floats by `repr`.
+
+    Raises:
+        BadValue: NaN, infinity, or anything that JSON cannot hold.
+    """
+    try:
+        return json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+    except (TypeError, ValueError) as error:
+        raise BadValue(f"config={plain!r}: plain finite numbers, texts, lists and mappings; {error}") from None
+
+
+def digest(plain: Any) -> str:
+    """Return the identity of plain containers: the first 12 hexadecimal digits of their SHA-256."""
+    return hashlib.sha256(canonical(plain)).hexdigest()[:12]
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file, as 64 hexadecimal digits."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def write_atomic(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
+    """Write a file so that at `path` stands either the old content or all of the new one, never a part.
+
+    Args:
+        path: where; missing folders are made.
+        content: the bytes, or a function that writes them to the open file it is given.
+
+    Raises:
+        BadValue: the disk is full or the folder cannot be written. `path` is as it was, the temporary is gone.
+    """
+    path = Path(path)
+    temporary = path.parent / f".{path.name}.{secrets.token_hex(6)}.tmp"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary.open("xb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)  # tells `clean` that this writer is alive
+            if callable(content):
+                content(file)
+            else:
+                file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+            temporary.replace(path)
+        sync_folder(path.parent)
+    except OSError as error:
+        reason = error.strerror or error
+        raise BadValue(f"{path}: cannot be written ({reason}); make room and run the same command again") from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def sync_folder(folder: Path) -> None:
+    """Make renames in `folder` survive a power cut."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def clean(folder: Path) -> None:
+    """Remove the temporaries that killed writers left in `folder`; those of living writers stay."""
+    for temporary in Path(folder).glob(".*.tmp"):
+        with suppress(OSError), temporary.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            temporary.unlink()
+
+
+def save_array(path: Path, array: Array) -> None:
+    """Write an array as `.npy`, atomically and without pickle."""
+    buffer = BytesIO()
+    np.save(buffer, array, allow_pickle=False)
+    write_atomic(path, buffer.getvalue())
+
+
+def save_json(path: Path, plain: Any) -> None:
+    """Write plain containers as readable JSON, atomically, with sorted keys."""
+    write_atomic(path, readable(plain))
+
+
+def readable(plain: Any) -> bytes:
+    """Return the text that `save_json` writes."""
+    return (json.dumps(json.loads(canonical(plain)), sort_keys=True, indent=1) + "\n").encode()
+
+
+def load_json(path: Path) -> Any:
+    """Return what a JSON file holds.
+
+    Raises:
+        BadValue: the file is missing or not JSON.
+    """
+    try:
+        return json.loads(Path(path).read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        raise BadValue(f"{path}: cannot be read as JSON ({one_line(error)}); {MEND}") from None
+
+
+def open_array(path: Path, *, size: int, sha256: str, mend: str = MEND) -> Array:
+    """Map an `.npy` file into memory, read-only, after proving it whole.
+
+    Args:
+        path: the file.
+        size: expected, in bytes.
+        sha256: expected, 64 hexadecimal digits.
+        mend: what the error advises.
+
+    Raises:
+        BadValue: the file is missing, its size or checksum differs, or it holds Python objects.
+    """
+    prove(path, size=size, expected=sha256, mend=mend)
+    try:
+        return np.load(path, mmap_mode="r", allow_pickle=False)  # type: ignore[no-any-return]
+    except ValueError as error:
+        raise BadValue(f"{path}: not a plain array ({one_line(error)}); {mend}") from None
+
+
+def prove(path: Path, *, size: int, expected: str, mend: str = MEND) -> None:
+    """Raise `BadValue` unless the file at `path` has that many bytes and that SHA-256."""
+    try:
+        found = Path(path).stat().st_size
+        whole = found == size and sha256(path) == expected
+    except OSError as error:
+        raise BadValue(f"{path}: cannot be read ({error.strerror or error}); {mend}") from None
+    if not whole:
+        what = f"{found} bytes instead of {size}" if found != size else "its SHA-256 differs"
+        raise BadValue(f"{path}: damaged, {what}; {mend}")
+
+
+def one_line(error: BaseException) -> str:
+    """Return an exception's message without line breaks."""
+    return " ".join(str(error).split())
+
+
+# ---------------------------------------------------------------- finished folders
+
+
+def finish(folder: Path, manifest: Mapping[str, Any], files: Iterable[str]) -> None:
+    """Declare a folder finished: write its manifest, with size and SHA-256 of each file, last of all.
+
+    Args:
+        folder: where the files are.
+        manifest: what describes them; the key `command`, if any, is what `verify` advises against damage.
+        files: their names, relative to `folder`.
+    """
+    folder = Path(folder)
+    entries = {name: {"bytes": (folder / name).stat().st_size, "sha256": sha256(folder / name)} for name in files}
+    content = {**manifest, "files": entries}
+    save_json(folder / MANIFEST, {**content, "sha256": hashlib.sha256(canonical(content)).hexdigest()})
+    for spent in folder.glob("shard-*.json"):
+        spent.unlink()
+
+
+def load_manifest(folder: Path) -> dict[str, Any]:
+    """Return the manifest of a finished folder, proved against its own checksum.
+
+    Raises:
+        BadValue: the folder is not finished, or the manifest is damaged.
+    """
+    path = Path(folder) / MANIFEST
+    if not path.is_file():
+        raise BadValue(f"{folder}: not finished, there is no {MANIFEST}; {MEND}")
+    manifest = load_json(path)
+    content = {key: value for key, value in manifest.items() if key != "sha256"} if isinstance(manifest, dict) else {}
+    stamp = {**content, "sha256": hashlib.sha256(canonical(content)).hexdigest()}
+    if "files" not in content or readable(stamp) != path.read_bytes():
+        raise BadValue(f"{path}: damaged, its SHA-256 differs; {MEND}")
+    return stamp
+
+
+def verify(folder: Path) -> dict[str, Any]:
+    """Re-prove a finished folder, every byte of it, and return its manifest.
+
+    Raises:
+        BadValue: names the first file that is missing or damaged, and the command that mends it.
+    """
+    manifest = load_manifest(folder)
+    mend = f"run again: {manifest['command']}" if "command" in manifest else MEND
+    for name, entry in manifest["files"].items():
+        prove(Path(folder) / name, size=entry["bytes"], expected=entry["sha256"], mend=mend)
+    return manifest
+
+
+# ---------------------------------------------------------------- shards
+
+
+def shard_name(index: int) -> str:
+    """Return the file name of a shard."""
+    return f"shard-{index:05d}.npy"
+
+
+def sidecar(path: Path) -> Path:
+    """Return where the checksum of a shard stands until its folder is finished."""
+    return Path(path).with_suffix(".json")
+
+
+def write_shard(folder: Path, index: int, array: Array) -> None:
+    """Write one shard, and then its size and checksum beside it."""
+    path = Path(folder) / shard_name(index)
+    save_array(path, array)
+    save_json(sidecar(path), {"bytes": path.stat().st_size, "sha256": sha256(path)})
+
+
+def missing_shards(folder: Path, count: int) -> list[int]:
+    """Return which of the shards 0 ... count - 1 have still to be written, because absent, torn or damaged.
+
+    The reference is the manifest of a finished folder, or else the checksum beside each shard, so running the
+    command that made a set again mends a damaged one and redoes nothing else.
+    """
+    try:
+        entries = load_manifest(folder)["files"]
+    except BadValue:
+        entries = {}
+    return [index for index in range(count) if not is_whole(Path(folder) / shard_name(index), entries)]
+
+
+def is_whole(path: Path, entries: Mapping[str, Any]) -> bool:
+    """Tell whether a shard has the checksum in `entries`, or else the one in its sidecar."""
+    try:
+        entry = entries[path.name] if path.name in entries else load_json(sidecar(path))
+        prove(path, size=entry["bytes"], expected=entry["sha256"])
+    except (BadValue, KeyError, TypeError):
+        return False
+    return True
