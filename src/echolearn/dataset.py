@@ -1,0 +1,226 @@
+"""Labelled sets of observations: a plan says where and how, `generate` simulates, estimates, describes, labels.
+
+Row i of a set depends on `SeedSequence(plan.seed, spawn_key=(i,))` alone, and shards are always computed
+whole by single-threaded workers, so the bytes are the same for any number of workers and any interruption.
+
+A shard is one structured array, a record per observation: the columns and tensors of `features`, the labels
+
+- `reflector` (the paper's): |estimated - true TOA| < 10 samples for some reflecting wall,
+- `on_map`: the map point (TOA and DOA together) lies within 0.10 m of the room's outline,
+
+and what the estimator did not know: SNR, gain, T60, room, pose, true TOAs, and `group`, the position's number,
+by which every split is made.
+"""
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, is_dataclass
+from hashlib import sha256
+from itertools import groupby
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echolearn import features, store
+from echolearn.geometry import check_inside, distance_to_outline, outline, true_echoes, wall_points
+from echolearn.localize.matched import Matched
+from echolearn.plans import Plan, Spot
+from echolearn.progress import track
+from echolearn.simulate import Scene, add_noise
+from echolearn.types import Array, BadValue, Observation, check, check_number, check_whole
+
+FORMAT = 1
+"""Version of the records; part of every digest."""
+
+TOLERANCE_SAMPLES = 10
+MAP_TOLERANCE = 0.10
+
+
+def plain(value: Any) -> Any:
+    """Return `value` as plain containers for a manifest: dataclasses by their fields, arrays by their hash."""
+    if is_dataclass(value) and not isinstance(value, type):
+        name = f"{type(value).__module__}.{type(value).__qualname__}"
+        return {"_target_": name, **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
+    if isinstance(value, np.ndarray):
+        return {"shape": list(value.shape), "sha256": sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def folder_of(plan: Plan, runs: Path) -> Path:
+    """Return the folder of a plan's set, named after the digest of the plan."""
+    return Path(runs) / "data" / f"{plan.name}-{store.digest({'format': FORMAT, 'plan': plain(plan)})}"
+
+
+def generate(plan: Plan, *, runs: Path, workers: int = 1) -> Path:
+    """Simulate, estimate, describe and label every row of a plan; finished shards are kept, a finished set is skipped.
+
+    Args:
+        plan: what to observe.
+        runs: folder of everything generated.
+        workers: processes; the result does not depend on their number.
+
+    Returns:
+        The set's folder, complete.
+
+    Raises:
+        BadValue: `workers` out of range; OSError: the disk is full or not writable.
+    """
+    check_whole("workers", workers, low=1, high=1024)
+    folder = folder_of(plan, runs)
+    store.clean(folder)
+    names = [store.shard_name(shard) for shard in range(-(-len(plan) // plan.shard_rows))]
+    missing = store.missing_shards(folder, len(names))
+    if missing:
+        _simulate(plan, folder, missing, done=len(names) - len(missing), workers=workers)
+    if missing or not (folder / store.MANIFEST).is_file():
+        about = {"kind": "set", "format": FORMAT, "rows": len(plan), "plan": plain(plan)}
+        store.finish(folder, {**about, "command": f"echolearn generate plan={plan.name}"}, names)
+    return folder
+
+
+def _simulate(plan: Plan, folder: Path, missing: list[int], *, done: int, workers: int) -> None:
+    """Write the missing shards with single-threaded processes; a failure cancels what has not begun."""
+    with ProcessPoolExecutor(min(workers, len(missing)), get_context("spawn")) as pool, single_threads():
+        jobs = [pool.submit(_write, plan, folder, shard) for shard in missing]
+        try:
+            for job in track(as_completed(jobs), f"generate {folder.name}", total=done + len(jobs), done=done):
+                job.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+@contextmanager
+def single_threads() -> Iterator[None]:
+    """Let processes started inside compute with one thread each, or two of them fight over two cores."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+def _write(plan: Plan, folder: Path, shard: int) -> None:
+    start = shard * plan.shard_rows
+    store.write_shard(folder, shard, records(plan, range(start, min(start + plan.shard_rows, len(plan)))))
+
+
+def records(plan: Plan, rows: range) -> Array:
+    """Return the records of `rows` of a plan as a structured array, shape (B,)."""
+    spots, samples = zip(*_observe(plan, rows), strict=True)
+    scene = plan.scene
+    observation = Observation(np.stack(samples), scene.probe, scene.array, scene.speed_of_sound)
+    matched = Matched(observation, plan.window)
+    echoes = plan.localizer(observation)
+    columns = features.describe(matched, echoes) | _context(spots) | _labels(spots, echoes, scene)
+    dtype = [(name, value.dtype, value.shape[1:]) for name, value in columns.items()]
+    table = np.empty(len(rows), dtype=dtype)
+    for name, value in columns.items():
+        table[name] = value
+    return table
+
+
+def _observe(plan: Plan, rows: range) -> Iterator[tuple[Spot, Array]]:
+    """Yield each row's spot and recording (M, N); rows of one position share its responses."""
+    drawn = ((row, np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(row,)))) for row in rows)
+    spots = ((plan.spot(row, rng), rng) for row, rng in drawn)
+    for _, same in groupby(spots, key=lambda pair: pair[0].group):
+        received = None
+        for spot, rng in same:
+            check_inside(spot.room, plan.scene.array, spot.pose)
+            received = plan.scene.received(spot.room, spot.pose) if received is None else received
+            yield spot, add_noise(received, plan.scene, snr_db=spot.snr_db, gain_db=spot.gain_db, rng=rng)
+
+
+def _context(spots: tuple[Spot, ...]) -> dict[str, Array]:
+    return {
+        "snr_db": np.array([spot.snr_db for spot in spots]),
+        "gain_db": np.array([spot.gain_db for spot in spots]),
+        "t60": np.array([spot.room.t60 for spot in spots]),
+        "room": np.array([spot.room.size for spot in spots]),
+        "position": np.array([spot.pose.position for spot in spots]),
+        "heading": np.array([spot.pose.heading for spot in spots]),
+        "group": np.array([spot.group for spot in spots]),
+    }
+
+
+def _labels(spots: tuple[Spot, ...], echoes: Any, scene: Scene) -> dict[str, Array]:
+    truth_toa = np.full((len(spots), 6), np.nan)
+    on_map = np.zeros(len(spots), dtype=bool)
+    for row, spot in enumerate(spots):
+        toa = true_echoes(spot.room, spot.pose, scene.array, scene.speed_of_sound).toa
+        truth_toa[row, : len(toa)] = toa
+        point = wall_points(
+            echoes.toa[row],
+            echoes.azimuth[row],
+            echoes.elevation[row],
+            position=spot.pose.position,
+            heading=spot.pose.heading,
+            array=scene.array,
+            speed_of_sound=scene.speed_of_sound,
+        )
+        on_map[row] = distance_to_outline(point, outline(spot.room))[0] <= MAP_TOLERANCE
+    error = np.abs(echoes.toa[:, :1] - truth_toa) * scene.probe.sample_rate
+    return {"reflector": np.nanmin(error, axis=1) < TOLERANCE_SAMPLES, "on_map": on_map, "truth_toa": truth_toa}
+
+
+class Dataset:
+    """A finished set, read from memory-mapped shards whose checksums were verified on opening.
+
+    `dataset[name]` is a field of all rows, shape (B, ...).
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Open the set in `folder`.
+
+        Raises:
+            BadValue: not a finished set, or a file that is missing, cut or changed.
+        """
+        self.folder = Path(folder)
+        self.manifest = store.load_manifest(self.folder)
+        check(self.manifest.get("kind") == "set", "set", self.folder, allowed="a folder written by echolearn generate")
+        self.name: str = self.manifest["plan"]["name"]
+        self.digest: str = store.digest(self.manifest["files"])
+        mend = f"run again: {self.manifest['command']}"
+        files = sorted(self.manifest["files"].items())
+        self._shards = [
+            store.open_array(self.folder / name, size=entry["bytes"], sha256=entry["sha256"], mend=mend) for name, entry in files
+        ]
+
+    def __len__(self) -> int:
+        return int(self.manifest["rows"])
+
+    def __getitem__(self, name: str) -> Array:
+        known = self._shards[0].dtype.names or ()
+        if name not in known:
+            raise BadValue(f"column={name}: one of {', '.join(known)}; does the set come from an older version?")
+        return np.concatenate([shard[name] for shard in self._shards])
+
+
+def split(groups: Array, *, share: float, seed: int) -> tuple[Array, Array]:
+    """Split rows so that no group falls on both sides.
+
+    Args:
+        groups: position of each row, shape (B,).
+        share: of the groups that go to the second part, 0 to 1.
+        seed: of the shuffle.
+
+    Returns:
+        Row indices of the first and of the second part, ascending.
+    """
+    check_number("share", share, low=0.0, high=1.0)
+    unique = np.unique(groups)
+    chosen = np.random.default_rng(seed).permutation(unique)[: round(share * len(unique))]
+    second = np.isin(groups, chosen)
+    return np.flatnonzero(~second), np.flatnonzero(second)

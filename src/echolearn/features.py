@@ -1,0 +1,160 @@
+"""What a classifier may look at: named columns of an echo, and covariance tensors of its observation.
+
+Columns marked (g) change with the gain of the recording; the others are dimensionless.
+
+| column          | unit | meaning                                                                             |
+|-----------------|------|-------------------------------------------------------------------------------------|
+| toa             | s    | estimated time of arrival at microphone 1                                           |
+| score           | 1    | normalised correlation of microphone 1 with the probe at toa                        |
+| peak_to_rms     | 1    | r_1(toa) over the rms of r_1 in the search window                                   |
+| second_to_first | 1    | second highest peak of r_1, at least 5 lags away, over r_1(toa)                     |
+| gain            | (g)  | amplitude of the echo (Eq. 11)                                                      |
+| gain_delay      | m (g)| 4 pi c toa gain: a wall's reflection coefficient if loudspeaker and gain are known   |
+| power           | dB(g)| whole-recording MPDR beam power, the paper's second feature (Eq. 16)                |
+| power_ratio     | dB   | that power over its mean over azimuth                                               |
+| coherence       | 1    | (sum_m a_m)^2 / (M sum_m a_m^2), a_m = r_m(toa + eta_m(azimuth)); 1 is a plane wave  |
+| joint           | 1    | J(toa, azimuth) over the rms of J in the window                                     |
+| joint_max       | 1    | maximum of J over the same rms                                                      |
+| joint_ratio     | 1    | J(toa, azimuth) over the maximum of J                                               |
+| joint_score     | 1    | J(toa, azimuth) as a normalised correlation over all microphones                    |
+| joint_lag       | samples | |toa - time of the maximum of J|                                                 |
+| gated_ratio     | dB   | gated power at the azimuth over its mean over azimuth                               |
+| azimuth, elevation | rad | direction the localizer chose                                                     |
+| azimuth_mpdr    | rad  | direction of the whole-recording MPDR (the paper's)                                 |
+
+Tensors are (BANDS, M*M) packed Hermitian matrices (`beam.pack`), each band scaled to trace M: `covariance` of
+the whole recording, `covariance_gated` of the matched-filter outputs around the echo, `covariance_steered` the same
+after steering to the estimated azimuth, so that an echo from there is all ones whatever its direction.
+"""
+
+import numpy as np
+from scipy import fft
+
+from echolearn.geometry import relative_delays
+from echolearn.localize import beam
+from echolearn.localize.matched import Matched
+from echolearn.localize.snls import recording_covariance, spectrum_of
+from echolearn.signals import decibel
+from echolearn.types import Array, Echoes
+
+BANDS = 16
+SEGMENT = 64
+"""Matched-filter lags around an echo from which its covariance is taken."""
+
+COLUMNS = (
+    "toa score peak_to_rms second_to_first gain gain_delay power power_ratio coherence joint joint_max "
+    "joint_ratio joint_score joint_lag gated_ratio azimuth elevation azimuth_mpdr"
+).split()
+TENSORS = ("covariance", "covariance_gated", "covariance_steered")
+
+
+def describe(matched: Matched, echoes: Echoes) -> dict[str, Array]:
+    """Return every column, shape (B,), and every tensor, shape (B, BANDS, M*M), of one echo per observation.
+
+    Args:
+        matched: matched-filter view of B observations.
+        echoes: their echoes, fields (B, 1).
+    """
+    index, azimuth = matched.index(echoes.toa[:, 0]), echoes.azimuth[:, 0]
+    whole = recording_covariance(matched.observation)
+    return {
+        "toa": echoes.toa[:, 0],
+        "score": echoes.score[:, 0],
+        "gain": echoes.gain[:, 0],
+        "gain_delay": 4 * np.pi * matched.observation.speed_of_sound * echoes.toa[:, 0] * echoes.gain[:, 0],
+        "azimuth": azimuth,
+        "elevation": echoes.elevation[:, 0],
+        **peak_columns(matched.correlation[:, 0], index),
+        **beam_columns(whole, matched),
+        **steered_columns(matched, index, azimuth),
+        "covariance": band_average(whole),
+        **gated_covariances(matched, index, azimuth),
+    }
+
+
+def peak_columns(correlation: Array, index: Array, *, apart: int = 5) -> dict[str, Array]:
+    """Return the columns that judge the peak of r_1, shape (B, L), at lag indices (B,)."""
+    rows = np.arange(len(index))
+    peak = correlation[rows, index]
+    rms = np.sqrt(np.mean(np.square(correlation), axis=-1))
+    elsewhere = np.abs(np.arange(correlation.shape[-1]) - index[:, None]) >= apart
+    second = np.max(correlation, axis=-1, where=elsewhere, initial=-np.inf)
+    return {"peak_to_rms": ratio(peak, rms), "second_to_first": ratio(second, peak)}
+
+
+def beam_columns(covariances: Array, matched: Matched) -> dict[str, Array]:
+    """Return the columns of the whole-recording MPDR beam, from covariances (B, F, M, M)."""
+    spectrum = spectrum_of(covariances, matched.observation, azimuths=matched.azimuths)
+    power = decibel(spectrum.max(axis=-1).astype(float))
+    return {
+        "power": power,
+        "power_ratio": power - decibel(spectrum.mean(axis=-1).astype(float)),
+        "azimuth_mpdr": beam.azimuth_grid(matched.azimuths)[spectrum.argmax(axis=-1)],
+    }
+
+
+def steered_columns(matched: Matched, index: Array, azimuth: Array) -> dict[str, Array]:
+    """Return the columns that compare all microphones, at lag indices (B,) and azimuths (B,)."""
+    rows, steered = np.arange(len(index)), matched.steered
+    lags = steered.shape[-1]
+    aligned = align(matched, index, azimuth)[:, :, SEGMENT // 2]
+    here = aligned.sum(axis=-1)
+    best = steered.reshape(len(index), -1).argmax(axis=-1)
+    highest = steered.reshape(len(index), -1)[rows, best].astype(float)
+    rms = np.sqrt(np.mean(np.square(steered), axis=(-2, -1), dtype=float))
+    energy = np.sqrt(matched.energy[rows, :, index]).sum(axis=-1) * np.sqrt(matched.probe_energy)
+    gated = matched.gated_power(index)
+    return {
+        "coherence": ratio(here**2, aligned.shape[-1] * np.sum(aligned**2, axis=-1)),
+        "joint": ratio(here, rms),
+        "joint_max": ratio(highest, rms),
+        "joint_ratio": ratio(here, highest),
+        "joint_score": ratio(here, energy),
+        "joint_lag": np.abs(best % lags - index).astype(float),
+        "gated_ratio": decibel(ratio(power_at(gated, azimuth), gated.mean(axis=-1))),
+    }
+
+
+def power_at(spectrum: Array, azimuth: Array) -> Array:
+    """Return `spectrum` (B, A) at the grid azimuths nearest to `azimuth` (B,)."""
+    azimuths = spectrum.shape[-1]
+    nearest = np.rint((azimuth + np.pi) * azimuths / (2 * np.pi)).astype(int) % azimuths
+    return spectrum[np.arange(len(azimuth)), nearest].astype(float)
+
+
+def align(matched: Matched, index: Array, azimuth: Array) -> Array:
+    """Return r_m(toa + eta_m(azimuth) + k) for k from -SEGMENT/2, shape (B, M, SEGMENT)."""
+    array = matched.observation.array
+    eta = relative_delays(array, azimuth, np.pi / 2, 1.0) * matched.scale
+    advanced = beam.advance(matched.padded, eta[:, None])[:, 0]
+    return cut(advanced, index)
+
+
+def cut(padded: Array, index: Array) -> Array:
+    """Return `SEGMENT` lags centred on lag indices (B,) of `padded` (B, M, L + 2 PAD), shape (B, M, SEGMENT)."""
+    lags = index[:, None] + beam.PAD - SEGMENT // 2 + np.arange(SEGMENT)
+    return np.take_along_axis(padded, lags[:, None, :], axis=-1)
+
+
+def gated_covariances(matched: Matched, index: Array, azimuth: Array) -> dict[str, Array]:
+    """Return the covariance tensors of the matched-filter outputs around the echo, plain and steered."""
+    segments = {"covariance_gated": cut(matched.padded, index), "covariance_steered": align(matched, index, azimuth)}
+    window = np.hanning(SEGMENT + 1)[:-1]
+    spectra = {name: fft.rfft(segment * window)[..., None] for name, segment in segments.items()}
+    return {name: band_average(beam.covariance(spectrum)) for name, spectrum in spectra.items()}
+
+
+def band_average(covariances: Array) -> Array:
+    """Return covariances (B, F, M, M), bin 0 left out, averaged over `BANDS` equal bands: packed, trace M."""
+    bins = (covariances.shape[1] - 1) // BANDS
+    used = covariances[:, 1 : 1 + bins * BANDS]
+    packed = beam.pack(used.reshape(len(used), BANDS, bins, *used.shape[2:]).mean(axis=2))
+    microphones = covariances.shape[-1]
+    trace = packed[..., :microphones].sum(axis=-1, keepdims=True)
+    return (packed * microphones / np.maximum(trace, 1e-30)).astype(np.float32)
+
+
+def ratio(numerator: Array, denominator: Array) -> Array:
+    """Return numerator / denominator, 0 where the denominator vanishes (a silent recording)."""
+    safe = np.where(denominator == 0, 1.0, denominator)
+    return np.where(denominator == 0, 0.0, numerator / safe)

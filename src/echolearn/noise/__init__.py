@@ -1,0 +1,1 @@
+"""Noises at the microphones: several implementations of `echolearn.types.Noise`, one module each."""

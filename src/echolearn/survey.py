@@ -1,0 +1,79 @@
+"""Simulate a robot's walk through a room and store it in the recorded-survey format (`recording.py`)."""
+
+from pathlib import Path
+
+import numpy as np
+
+from echolearn import recording, store
+from echolearn.dataset import plain
+from echolearn.geometry import check_inside, outline
+from echolearn.mapping import trajectory
+from echolearn.progress import track
+from echolearn.simulate import Scene, observe
+from echolearn.types import Pose, Room, check, check_number, check_whole
+
+
+def survey(
+    *, name: str, room: Room, scene: Scene, snr_db: float, poses: int = 160, start: float = 0.6, seed: int = 0, runs: Path
+) -> Path:
+    """Walk through a room, listen at every pose, store the recordings; a finished survey is skipped.
+
+    Args:
+        name: names the folder under `runs/survey`.
+        room: the room.
+        scene: what the robot carries.
+        snr_db: of every recording.
+        poses: P.
+        start: polar angle at which the walk begins, in rad.
+        seed: of the noise; pose p draws from `SeedSequence(seed, spawn_key=(p,))`.
+        runs: folder of everything generated.
+
+    Returns:
+        The survey's folder, complete.
+
+    Raises:
+        BadValue: values out of range, or a survey of that name made otherwise.
+    """
+    check_number("snr_db", snr_db, low=-100.0, high=100.0, unit="dB")
+    check_whole("seed", seed, low=0)
+    walk = trajectory(room, poses=poses, start=start)
+    for pose in walk:
+        check_inside(room, scene.array, pose)
+    folder = Path(runs) / "survey" / name
+    about = {"kind": "survey", "made_from": plain({"room": room, "scene": scene, "walk": walk, "snr_db": float(snr_db), "seed": seed})}
+    if _is_finished(folder, about):
+        return folder
+    store.clean(folder)
+    _write(folder, walk, room=room, scene=scene, snr_db=snr_db, seed=seed)
+    files = ["survey.yaml", "probe.wav", "poses.csv", *_names(walk)]
+    store.finish(folder, {**about, "command": f"echolearn survey name={name}"}, files)
+    return folder
+
+
+def _names(walk: list[Pose]) -> list[str]:
+    return [f"observations/{index:04d}.wav" for index in range(len(walk))]
+
+
+def _is_finished(folder: Path, about: dict[str, object]) -> bool:
+    if not (folder / store.MANIFEST).is_file():
+        return False
+    manifest = store.load_manifest(folder)
+    same = all(manifest.get(key) == value for key, value in about.items())
+    check(same, "name", folder.name, allowed="the name of a survey made with the same settings, or a new one", hint=f"{folder} was made with others")
+    return True
+
+
+def _write(folder: Path, walk: list[Pose], *, room: Room, scene: Scene, snr_db: float, seed: int) -> None:
+    names = _names(walk)
+    for index, pose in enumerate(track(walk, f"survey {folder.name}", total=len(walk))):
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
+        observation, _ = observe(room, pose, scene, snr_db=snr_db, rng=rng)
+        store.write_atomic(folder / names[index], recording.wav_bytes(observation.samples, scene.probe.sample_rate))
+    padded = np.pad(scene.probe.samples, (0, scene.probe.length - len(scene.probe.samples)))
+    store.write_atomic(folder / "probe.wav", recording.wav_bytes(padded, scene.probe.sample_rate))
+    store.write_atomic(folder / "poses.csv", recording.poses_csv(walk, names))
+    conditions = {"snr_db": float(snr_db), "noise": type(scene.noise).__name__.lower(), "room": list(room.size), "t60": room.t60}
+    about = recording.describe(
+        scene.array, scene.probe, speed_of_sound=scene.speed_of_sound, walls=outline(room), conditions=conditions
+    )
+    store.write_atomic(folder / "survey.yaml", about)
