@@ -73,10 +73,7 @@ def write_atomic(path: Path, content: bytes | Callable[[BinaryIO], object]) -> N
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary.open("xb") as file:
             fcntl.flock(file, fcntl.LOCK_EX)  # tells `clean` that this writer is alive
-            if callable(content):
-                content(file)
-            else:
-                file.write(content)
+            content(file) if callable(content) else file.write(content)
             file.flush()
             os.fsync(file.fileno())
             temporary.replace(path)
@@ -119,7 +116,7 @@ def save_json(path: Path, plain: Any) -> None:
 
 
 def readable(plain: Any) -> bytes:
-    """Return the text that `save_json` writes."""
+    """Return the text that `save_json` writes: that of `canonical` on many lines."""
     return (json.dumps(json.loads(canonical(plain)), sort_keys=True, indent=1) + "\n").encode()
 
 
@@ -166,12 +163,19 @@ def prove(path: Path, *, size: int, expected: str, mend: str = MEND) -> None:
         raise BadValue(f"{path}: damaged, {what}; {mend}")
 
 
+def single_thread() -> None:
+    """Hold this process's linear algebra to one thread, for the initializer of a pool of workers.
+
+    Sums then run in one order whatever the number of workers or cores, and workers do not fight over cores.
+    """
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)
+
+
 def one_line(error: BaseException) -> str:
     """Return an exception's message without line breaks."""
     return " ".join(str(error).split())
-
-
-# ---------------------------------------------------------------- finished folders
 
 
 def finish(folder: Path, manifest: Mapping[str, Any], files: Iterable[str]) -> None:
@@ -214,13 +218,23 @@ def verify(folder: Path) -> dict[str, Any]:
         BadValue: names the first file that is missing or damaged, and the command that mends it.
     """
     manifest = load_manifest(folder)
-    mend = f"run again: {manifest['command']}" if "command" in manifest else MEND
     for name, entry in manifest["files"].items():
-        prove(Path(folder) / name, size=entry["bytes"], expected=entry["sha256"], mend=mend)
+        prove(Path(folder) / name, size=entry["bytes"], expected=entry["sha256"], mend=advice(manifest))
     return manifest
 
 
-# ---------------------------------------------------------------- shards
+def advice(manifest: Mapping[str, Any]) -> str:
+    """Return how to mend a damaged file of the folder with this manifest."""
+    return f"run again: {manifest['command']}" if "command" in manifest else MEND
+
+
+def is_finished(folder: Path) -> bool:
+    """Tell whether `folder` has a manifest and every file in it is whole; if not, its command has work to do."""
+    try:
+        verify(folder)
+    except BadValue:
+        return False
+    return True
 
 
 def shard_name(index: int) -> str:
@@ -244,13 +258,26 @@ def missing_shards(folder: Path, count: int) -> list[int]:
     """Return which of the shards 0 ... count - 1 have still to be written, because absent, torn or damaged.
 
     The reference is the manifest of a finished folder, or else the checksum beside each shard, so running the
-    command that made a set again mends a damaged one and redoes nothing else.
+    command that made a set again mends a damaged one and redoes nothing else. Stale temporaries are removed.
     """
+    clean(folder)
     try:
         entries = load_manifest(folder)["files"]
     except BadValue:
         entries = {}
     return [index for index in range(count) if not is_whole(Path(folder) / shard_name(index), entries)]
+
+
+def finish_shards(folder: Path, count: int, manifest: Mapping[str, Any]) -> None:
+    """Declare a folder of `count` shards finished; see `finish`."""
+    finish(folder, manifest, [shard_name(index) for index in range(count)])
+
+
+def open_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Array]:
+    """Map the shards of a finished folder into memory, in order, each proved whole against `manifest`."""
+    entries = sorted((name, entry) for name, entry in manifest["files"].items() if name.startswith("shard-"))
+    mend = advice(manifest)
+    return [open_array(Path(folder) / name, size=e["bytes"], sha256=e["sha256"], mend=mend) for name, e in entries]
 
 
 def is_whole(path: Path, entries: Mapping[str, Any]) -> bool:
