@@ -12,8 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from echolearn.geometry import SearchWindow, check_inside
+from echolearn.localize import Localizer
 from echolearn.simulate import Scene
-from echolearn.types import Array, Localizer, Pose, Room, check, check_number, check_whole
+from echolearn.types import Array, Pose, Room, check, check_number, check_whole
 
 
 @dataclass(frozen=True)

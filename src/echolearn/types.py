@@ -1,7 +1,6 @@
 """The nouns of the project: small frozen values, checked when they are made."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -245,4 +244,3 @@ class Noise(Protocol):
         """Return noise of unit variance, shape (M, length)."""
 
 
-Localizer = Callable[[Observation], Echoes]

@@ -1,5 +1,22 @@
-"""Estimators of echoes: several implementations of `echolearn.types.Localizer`, one module each.
+"""Estimators of echoes: several implementations of one interface, one module each.
 
-A localizer is a frozen dataclass called with an `Observation` (samples (..., M, N)) and returning `Echoes`
-((..., R)). `beam.py` holds the functions they share: steering, covariances, steered responses.
+A localizer is a frozen dataclass called with an `Observation` (samples (B, M, N)) and returning `Echoes`
+((B, R)). `beam.py` holds the functions they share: steering, covariances, steered responses; `matched.py` the
+matched-filter view of a block of observations.
 """
+
+from typing import Protocol
+
+from echolearn.geometry import SearchWindow
+from echolearn.types import Echoes, Observation
+
+
+class Localizer(Protocol):
+    """An estimator of echoes."""
+
+    @property
+    def window(self) -> SearchWindow:
+        """Where it seeks them."""
+
+    def __call__(self, observation: Observation) -> Echoes:
+        """Return the echoes, fields (B, R), of observations with samples (B, M, N)."""

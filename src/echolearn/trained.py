@@ -1,0 +1,88 @@
+"""Finished runs, read back: what they were trained on, what they look at, how much they believe."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echolearn import store
+from echolearn.classify.inputs import COVARIANCE, view_of
+from echolearn.dataset import Dataset, split
+from echolearn.training import load_scorer
+from echolearn.types import Array
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run.
+
+    Attributes:
+        folder: where it lies.
+        metrics: the content of its `metrics.json`.
+    """
+
+    folder: Path
+    metrics: Mapping[str, Any]
+
+    @property
+    def identity(self) -> str:
+        """What tells this run from all others."""
+        return self.folder.name
+
+    @property
+    def classifier(self) -> str:
+        """Name of the classifier."""
+        return str(self.metrics["name"])
+
+    @property
+    def trained_on(self) -> str:
+        """Name of the set, with what is unusual about the training."""
+        unusual = [self.metrics["target"]] * (self.metrics["target"] != "reflector")
+        unusual += [f"{self.metrics['split']} split"] * (self.metrics["split"] != "position")
+        return f"{self.metrics['plan']}" + (f" ({', '.join(unusual)})" if unusual else "")
+
+    @property
+    def seed(self) -> int:
+        """Seed of the split and the classifier."""
+        return int(self.metrics["seed"])
+
+    @property
+    def data_digest(self) -> str:
+        """Digest of the set it was trained on."""
+        return str(self.metrics["data"])
+
+    @property
+    def threshold(self) -> float:
+        """Confidence from which an echo is kept, chosen on validation data."""
+        return float(self.metrics["threshold"])
+
+    @property
+    def inputs(self) -> Sequence[str]:
+        """Columns it looks at, or its one tensor."""
+        return tuple(self.metrics["inputs"])
+
+    def held_out(self, dataset: Dataset) -> Array:
+        """Return the rows of its own set that it never saw, shape (B,)."""
+        groups = dataset["group"] if self.metrics["split"] == "position" else np.arange(len(dataset))
+        return split(groups, share=self.metrics["test_share"], seed=self.seed)[1]
+
+    def confidence(self, columns: Mapping[str, Array]) -> Array:
+        """Return the belief in a reflector, shape (B,), from named columns (B, ...)."""
+        tensor = view_of(self.inputs) == COVARIANCE
+        x = columns[self.inputs[0]] if tensor else np.stack([columns[name] for name in self.inputs], axis=1)
+        return np.asarray(self._score(x), dtype=float)
+
+    @cached_property
+    def _score(self) -> Any:
+        return load_scorer(self.folder)
+
+
+def load_runs(runs: Path) -> list[Run]:
+    """Return every finished run under `runs/train` whose data are still there, by name."""
+    present = {store.digest(store.load_manifest(path.parent)["files"]) for path in (runs / "data").glob(f"*/{store.MANIFEST}")}
+    folders = sorted(path.parent for path in (runs / "train").glob("*/metrics.json"))
+    found = [Run(folder, store.load_json(folder / "metrics.json")) for folder in folders]
+    return [run for run in found if run.data_digest in present]
