@@ -89,7 +89,7 @@ def invert(hermitian: Array) -> Array:
     far faster than one LAPACK call per matrix.
     """
     size = hermitian.shape[-1]
-    work = np.ascontiguousarray(np.moveaxis(hermitian, (-2, -1), (0, 1)))
+    work = np.moveaxis(hermitian, (-2, -1), (0, 1)).copy(order="C")
     for k in range(size):
         pivot = 1.0 / work[k, k].real
         work[k, k] = 1.0

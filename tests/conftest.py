@@ -1,0 +1,58 @@
+"""Small worlds that many tests share: the paper's robot, a live room, and what is heard in a corner of it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from echolearn import signals
+from echolearn.geometry import circular_array, microphone_positions
+from echolearn.noise.white import White
+from echolearn.rir.pyroom import Pyroom
+from echolearn.signals import noise_probe
+from echolearn.simulate import Scene, add_noise
+from echolearn.types import Observation, Pose, Room
+
+Hear = Callable[..., Observation]
+
+
+@pytest.fixture(scope="session")
+def scene() -> Scene:
+    """Return the paper's robot: six microphones, 1 500 samples of noise in 20 000."""
+    return Scene(circular_array(), noise_probe(), Pyroom(), White())
+
+
+@pytest.fixture(scope="session")
+def brief() -> Scene:
+    """Return the same robot with recordings of 8 000 samples, for speed."""
+    return Scene(circular_array(), noise_probe(length=8000), Pyroom(), White())
+
+
+@pytest.fixture(scope="session")
+def chamber() -> Room:
+    """Return a small room with a short reverberation."""
+    return Room((5.0, 4.0, 3.0), 0.25)
+
+
+@pytest.fixture(scope="session")
+def study() -> tuple[Room, Pose]:
+    """Return the paper's SNR study: 10 x 8 x 5 m, the robot 1.0 and 1.5 m from two walls."""
+    return Room((10.0, 8.0, 5.0), 0.6), Pose(np.array([1.0, 1.5, 2.4]))
+
+
+@pytest.fixture(scope="session")
+def hear(scene: Scene, study: tuple[Room, Pose]) -> Hear:
+    """Return a function that hears the study `trials` times at an SNR: five probes, fresh noise each, one response."""
+    room, pose = study
+    places = microphone_positions(scene.array, pose)
+    response = scene.rir(room, pose.position, places, sample_rate=22050.0, speed_of_sound=343.0)
+
+    def heard(*, snr_db: float, trials: int, probe: int = 0) -> Observation:
+        robot = replace(scene, probe=noise_probe(seed=probe))
+        received = signals.convolve(robot.probe.samples, response, robot.probe.length)
+        draws = (np.random.default_rng([probe, trial]) for trial in range(trials))
+        samples = [add_noise(received, robot, snr_db=snr_db, gain_db=0.0, rng=rng) for rng in draws]
+        return Observation(np.stack(samples), robot.probe, robot.array)
+
+    return heard

@@ -1,0 +1,118 @@
+"""What the robot hears, against single images, measured noise and the paper's SNR."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import reference
+
+from echolearn import signals
+from echolearn.geometry import circular_array
+from echolearn.simulate import Scene, add_noise, observe
+from echolearn.types import BadValue, Pose, Room
+
+POSE = Pose(np.array([1.3, 2.2, 1.4]), 0.7)
+
+
+def relative_error(found: np.ndarray, expected: np.ndarray) -> float:
+    """Return the energy of the difference over the energy of what was expected."""
+    return float(np.sum((found - expected) ** 2) / np.sum(expected**2))
+
+
+def test_the_direct_path_is_one_over_four_pi_r_and_r_over_c_late(brief: Scene) -> None:
+    """The engine's filter is not flat up to the Nyquist frequency: 3 % of a white burst's energy."""
+    probe, places = brief.probe, brief.array.positions
+    expected = [reference.echo(probe.samples, np.zeros(3), p, strength=1.0, rate=22050.0, length=probe.length) for p in places]
+    assert relative_error(brief.direct, np.array(expected)) < 0.03
+    peak = signals.matched_filter(brief.direct, probe, first=0, last=40).argmax(axis=-1)
+    assert np.array_equal(peak, [13] * 6)  # 0.2 m / c = 12.86 samples
+
+
+@pytest.mark.parametrize("wall", range(6))
+def test_one_wall_makes_one_echo(brief: Scene, chamber: Room, wall: int) -> None:
+    factor = 0.8
+    alone = replace(chamber, walls=tuple(factor * float(index == wall) for index in range(6)))
+    reflected = brief.received(alone, POSE) - brief.direct
+    image = reference.images(chamber.size, POSE.position)[wall]
+    strength = factor * np.sqrt(1 - chamber.sabine_absorption())
+    places = reference.microphones(brief.array.positions, POSE.position, POSE.heading)
+    expected = [
+        reference.echo(brief.probe.samples, image, p, strength=strength, rate=22050.0, length=brief.probe.length) for p in places
+    ]
+    assert relative_error(reflected, np.array(expected)) < 0.03
+
+
+def test_an_anechoic_room_leaves_nothing(brief: Scene, chamber: Room) -> None:
+    received = brief.received(replace(chamber, walls=(0.0,) * 6), POSE)
+    rest = add_noise(received, brief, snr_db=300.0, gain_db=0.0, rng=np.random.default_rng(0))
+    assert signals.power(rest).max() < 1e-8 * signals.power(received).min()
+
+
+def test_no_trace_of_the_direct_path_is_left(brief: Scene, chamber: Room) -> None:
+    """The nearest wall answers after 94 samples: what comes before is the direct path, 60 dB down at least."""
+    received = brief.received(chamber, POSE)
+    rest = add_noise(received, brief, snr_db=300.0, gain_db=0.0, rng=np.random.default_rng(0))
+    assert np.abs(rest[:, :94]).max() < 2e-3 * np.abs(received[:, :94]).max()
+    assert np.abs(rest[:, 200:2000]).max() > 0.1 * np.abs(received).max()
+
+
+@pytest.mark.parametrize("snr_db", [-20.0, 0.0, 17.5])
+def test_measured_snr_is_asked_snr_at_every_microphone(brief: Scene, chamber: Room, snr_db: float) -> None:
+    """The ratio counts the direct path, though it is then removed; 0.2 dB is 5 sigma of a variance of 8 000 samples."""
+    received = brief.received(chamber, POSE)
+    samples = add_noise(received, brief, snr_db=snr_db, gain_db=0.0, rng=np.random.default_rng(1))
+    noise = samples - (received - brief.direct)
+    measured = 10 * np.log10(np.mean(received**2, axis=1) / np.mean(noise**2, axis=1))
+    assert measured.shape == (6,)
+    assert np.allclose(measured, snr_db, atol=0.35)
+
+
+def test_noise_is_independent_between_microphones(brief: Scene) -> None:
+    rng = np.random.default_rng(2)
+    noise = brief.noise(brief.array, length=8000, sample_rate=22050.0, rng=rng)
+    assert np.abs(np.corrcoef(noise) - np.eye(6)).max() < 5 / np.sqrt(8000)
+    assert np.allclose(noise.var(axis=1), 1.0, atol=0.1)
+
+
+def test_gain_scales_signal_and_noise_alike(brief: Scene, chamber: Room) -> None:
+    received = brief.received(chamber, POSE)
+    loud, plain = (add_noise(received, brief, snr_db=0.0, gain_db=g, rng=np.random.default_rng(3)) for g in (6.0, 0.0))
+    assert np.allclose(loud, 10 ** (6 / 20) * plain)
+
+
+def test_observing_again_hears_the_same(brief: Scene, chamber: Room) -> None:
+    first, again, other = (observe(chamber, POSE, brief, snr_db=0.0, rng=np.random.default_rng(s))[0] for s in (5, 5, 6))
+    assert first.samples.shape == (6, 8000)
+    assert np.array_equal(first.samples, again.samples)
+    assert not np.array_equal(first.samples, other.samples)
+
+
+def test_the_truth_is_where_the_echo_is(brief: Scene, chamber: Room) -> None:
+    """Noise-free, one wall: the matched filter of every microphone peaks within half a sample of the image."""
+    alone = replace(chamber, walls=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    observation, truth = observe(alone, POSE, brief, snr_db=80.0, rng=np.random.default_rng(0))
+    peak = signals.matched_filter(observation.samples[0], brief.probe, first=60, last=300).argmax() + 60
+    assert truth.toa.shape == (1,)
+    assert abs(peak - truth.toa[0] * 22050.0) <= 0.51
+
+
+def test_turning_the_robot_by_one_microphone_renames_the_microphones(brief: Scene, chamber: Room) -> None:
+    turned = replace(POSE, heading=POSE.heading + np.pi / 3)
+    before, after = (brief.received(chamber, pose) for pose in (POSE, turned))
+    assert np.allclose(after, np.roll(before, -1, axis=0), atol=1e-3 * np.abs(before).max())
+
+
+def test_sound_is_faster_where_it_is_said_to_be(brief: Scene, chamber: Room) -> None:
+    """Twice the speed, half the delay: 0.2 m are 6.4 samples at 686 m/s."""
+    quick = replace(brief, speed_of_sound=686.0)
+    assert signals.matched_filter(quick.direct[0], brief.probe, first=0, last=40).argmax() == 6
+
+
+def test_an_array_through_the_wall_is_refused(brief: Scene, chamber: Room) -> None:
+    with pytest.raises(BadValue, match=r"^pose.position=\(0.1, 2, 1\) m: the whole array"):
+        observe(chamber, Pose(np.array([0.1, 2.0, 1.0])), brief, snr_db=0.0, rng=np.random.default_rng(0))
+
+
+def test_a_speed_in_another_unit_is_refused(brief: Scene) -> None:
+    with pytest.raises(BadValue, match=r"^scene.speed_of_sound=0.343 m/s"):
+        Scene(circular_array(), brief.probe, brief.rir, brief.noise, speed_of_sound=0.343)
