@@ -11,14 +11,15 @@ from echolearn.types import BadValue
 REFERENCE = np.array([True, True, True, False, False, True, False, False])
 CONFIDENCE = np.array([0.9, 0.8, 0.3, 0.7, 0.2, 0.6, 0.6, 0.1])
 KEPT = CONFIDENCE >= 0.5  # 3 true and 2 false kept, 1 true and 2 false dropped
-RATES = [
-    metrics.precision,
-    metrics.recall,
-    metrics.specificity,
-    metrics.accuracy,
-    metrics.balanced_accuracy,
-    metrics.f1,
-]
+JUDGED = {
+    metrics.precision: 3 / 5,
+    metrics.recall: 3 / 4,
+    metrics.specificity: 2 / 4,
+    metrics.accuracy: 5 / 8,
+    metrics.balanced_accuracy: (3 / 4 + 2 / 4) / 2,
+    metrics.f1: 2 * 3 / (2 * 3 + 2 + 1),
+}
+RATES = list(JUDGED)
 RANKED = [metrics.auc, metrics.average_precision, metrics.expected_calibration_error]
 
 
