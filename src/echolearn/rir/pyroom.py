@@ -5,11 +5,12 @@ What pyroomacoustics 0.10 does differently from the project's convention, and is
 - its fractional delay, a sinc in a Hann window of 81 taps, starts 40 samples late: these are cut off;
 - its amplitudes are g / d: divided by 4 pi;
 - it passes every response through a high-pass of 10 Hz, forwards and backwards: switched off;
-- `inverse_sabine` gives a reflection order whose octahedron of images does not hold the ball of radius c T60 (it
-  measures the faces of pairs of axes). Semi-axes of n L_i hold a ball of radius n / sqrt(sum 1 / L_i^2), and an
-  image of order n along one axis is at least (n - 1) L_i away, hence the order in `complete_order`.
+- `inverse_sabine` gives a reflection order whose octahedron of images does not hold the ball of radius c T60: it
+  measures the edges of the octahedron, not its faces. Semi-axes of n L_i hold a ball of radius
+  n / sqrt(sum 1 / L_i^2), and an image of order n along an axis is at least (n - 1) L_i away: `complete_order`.
 
-It works in single precision, with a tabulated sinc: each image is good to about 60 dB.
+What remains is its filter: tabulated in single precision, the window centred on a whole sample. Its responses are
+within -50 dB of the closed form below 0.9 of Nyquist.
 """
 
 import math
