@@ -1,0 +1,197 @@
+"""One labelled set and one classifier make one run: a folder with a calibrated, exported, judged model.
+
+`fit` sees the training part, and the validation part for early stopping only. The validation part also fixes the
+calibration and the threshold, by the same rule for every classifier (`classify.calibration`). The test part is looked
+at once.
+
+A run's folder is named after its configuration and its data. It holds `config.json`, `model.onnx` (raw inputs to
+confidence, the only form in which a model is ever loaded again), `timing.json`, logs, and `metrics.json`, written
+last: without it the run is unfinished and the same command redoes it, with equal metrics.
+
+torch and scikit-learn are imported only when there is something to fit: finding forty finished runs takes
+milliseconds.
+"""
+
+import math
+import shutil
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from echolearn import metrics, store
+from echolearn.classify import Classifier
+from echolearn.classify.calibration import Calibrated, calibrate
+from echolearn.classify.inputs import as_input
+from echolearn.task import Parts, Task
+from echolearn.types import Array, BadValue, check
+
+FORMAT = 1
+"""Version of the run folder; part of every digest."""
+
+
+def train(
+    task: Task,
+    *,
+    name: str,
+    classifier: Callable[[], Classifier],
+    config: Mapping[str, Any],
+    runs: Path,
+    folds: int = 0,
+) -> dict[str, Any]:
+    """Fit, calibrate, export and judge one classifier, unless that has been done.
+
+    Args:
+        task: what to learn from which rows; its seed is the classifier's too.
+        name: of the classifier, as its configuration file has it.
+        classifier: makes it, unfitted; called only if the run is not finished yet.
+        config: what `classifier` is made from, as plain containers; part of the run's identity.
+        runs: folder of everything generated.
+        folds: also cross-validate on all that is not for testing (the paper has 5); 0 for not.
+
+    Returns:
+        The content of the run's `metrics.json`.
+
+    Raises:
+        BadValue: an argument out of range, a column that the set lacks, a part without both labels, a full disk.
+    """
+    check(folds in (0, *range(2, 21)), "folds", folds, allowed="0, or from 2 to 20")
+    identity = {"format": FORMAT, "name": name, "classifier": dict(config), "task": task.identity(), "folds": folds}
+    folder = Path(runs) / "train" / f"{name}-{task.dataset.name}-s{task.seed}-{store.digest(identity)}"
+    return finished(folder, identity) or run(task, classifier, identity, folder)
+
+
+def finished(folder: Path, identity: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return a run's metrics if it is finished and its model whole, else None.
+
+    Raises:
+        BadValue: the folder holds a run of another configuration.
+    """
+    try:
+        config = store.load_json(folder / "config.json")
+    except BadValue:
+        return None
+    same = store.canonical(config) == store.canonical(identity)
+    check(same, str(folder), "another run", allowed="the run its name stands for", hint="was it renamed? remove it")
+    try:
+        result: dict[str, Any] = store.load_json(folder / "metrics.json")
+        store.prove(folder / "model.onnx", size=result["model"]["bytes"], expected=result["model"]["sha256"])
+    except (BadValue, KeyError, TypeError):
+        return None
+    return result
+
+
+def run(task: Task, classifier: Callable[[], Classifier], identity: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Do all the work of one run in an empty `folder` and return its metrics."""
+    began = time.monotonic()
+    model = classifier()
+    x, y, parts = task.inputs(model.inputs), task.labels(), task.parts()
+    shutil.rmtree(folder, ignore_errors=True)
+    store.save_json(folder / "config.json", identity)
+    fitted = fit(model, task, x, y, parts=parts, folder=folder)
+    fitting = time.monotonic() - began
+    result = {
+        "run": folder.name,
+        "name": identity["name"],
+        **task.identity(),
+        "command": f"echolearn train classifier={identity['name']} plan={task.dataset.name} seed={task.seed}",
+        "inputs": list(model.inputs),
+        "rows": {part: len(rows) for part, rows in parts._asdict().items()},
+        "threshold": fitted.threshold,
+        "calibration": {"slope": fitted.slope, "intercept": fitted.intercept},
+        "grid_search": getattr(model, "cross_validation", None),
+        "cross_validation": cross_validate(classifier, task, x, y, folds=identity["folds"], folder=folder),
+        "model": export(fitted, x[parts.test], folder),
+        "validation": judge(fitted, x[parts.validation], y[parts.validation]),
+        "test": judge(fitted, x[parts.test], y[parts.test]),
+    }
+    log(folder, identity, result, reference=y[parts.test], confidence=fitted.confidence(x[parts.test]))
+    seconds = {"fit": round(fitting, 3), "total": round(time.monotonic() - began, 3)}
+    store.save_json(folder / "timing.json", seconds)
+    store.save_json(folder / "metrics.json", result)
+    say(result, seconds["total"])
+    return result
+
+
+def fit(model: Classifier, task: Task, x: Array, y: Array, *, parts: Parts, folder: Path) -> Calibrated:
+    """Fit `model` on the training rows of `parts`, calibrate it on the validation rows."""
+    train, held = parts.train, parts.validation
+    validation, groups = (x[held], y[held]), task.groups()[train]
+    model.fit(x[train], y[train], groups=groups, validation=validation, folder=folder, seed=task.seed)
+    return calibrate(model, *validation)
+
+
+def judge(fitted: Calibrated, x: Array, y: Array) -> dict[str, float | None]:
+    """Return every metric of labels; those without a value are None."""
+    values = metrics.evaluate_labels(y, fitted.confidence(x), threshold=fitted.threshold)
+    return {name: float(value) if math.isfinite(value) else None for name, value in values.items()}
+
+
+def cross_validate(
+    classifier: Callable[[], Classifier], task: Task, x: Array, y: Array, *, folds: int, folder: Path
+) -> dict[str, Any] | None:
+    """Return mean and standard deviation of each metric over the folds of `task`; None for no folds."""
+    if not folds:
+        return None
+    scores = []
+    for parts in task.folds(folds):
+        with TemporaryDirectory(dir=folder) as place:
+            fitted = fit(classifier(), task, x, y, parts=parts, folder=Path(place))
+        scores.append(judge(fitted, x[parts.test], y[parts.test]))
+    table = {name: np.array([score[name] for score in scores], dtype=float) for name in scores[0]}
+    return {name: {"mean": float(v.mean()), "sd": float(v.std(ddof=1))} for name, v in table.items()}
+
+
+def export(fitted: Calibrated, x: Array, folder: Path) -> dict[str, Any]:
+    """Write `model.onnx`, proved on inputs `x` (B, ...), and return its size, SHA-256 and parity."""
+    from echolearn.classify import onnx_model
+
+    data, parity = onnx_model.export(fitted, x)
+    store.write_atomic(folder / "model.onnx", data)
+    return {"bytes": len(data), "sha256": store.sha256(folder / "model.onnx"), "parity": parity}
+
+
+def log(
+    folder: Path, identity: Mapping[str, Any], result: Mapping[str, Any], *, reference: Array, confidence: Array
+) -> None:
+    """Write the run's TensorBoard events."""
+    from echolearn.classify.board import write_board
+
+    parts = {"val": result["validation"], "test": result["test"]}
+    scalars = {f"{part}/{key}": value for part, values in parts.items() for key, value in values.items() if value is not None}
+    parameters = {"classifier": identity["name"], "argument": identity["classifier"], **identity["task"]}
+    write_board(folder, parameters=parameters, scalars=scalars, reference=reference, confidence=confidence)
+
+
+def say(result: Mapping[str, Any], seconds: float) -> None:
+    """Report a finished run in one line."""
+    test = result["test"]
+    figures = f"test AUC {test['auc']:.3f}, balanced accuracy {test['balanced_accuracy']:.3f}"
+    print(f"{result['run']}: {seconds:.1f} s, {figures}", file=sys.stderr, flush=True)
+
+
+def load_scorer(folder: Path) -> Callable[[Array], Array]:
+    """Return the confidence function of a finished run, evaluated by onnxruntime on one thread.
+
+    Args:
+        folder: of the run.
+
+    Returns:
+        Maps raw inputs, (B, K) columns or (B, bands, M * M), to confidences (B,).
+
+    Raises:
+        BadValue: the run is not finished, or its model is missing or damaged.
+    """
+    from echolearn.classify.onnx_model import open_onnx
+
+    folder = Path(folder)
+    check((folder / "metrics.json").is_file(), "run", folder, allowed="a finished run; there is no metrics.json")
+    result = store.load_json(folder / "metrics.json")
+    path, model = folder / "model.onnx", result["model"]
+    store.prove(path, size=model["bytes"], expected=model["sha256"], mend=f"run again: {result['command']}")
+    score = open_onnx(path.read_bytes())
+    return lambda x: score(as_input(x, result["inputs"]))
