@@ -37,20 +37,29 @@ def chamber() -> Room:
 
 @pytest.fixture(scope="session")
 def study() -> tuple[Room, Pose]:
-    """Return the paper's SNR study: 10 x 8 x 5 m, the robot 1.0 and 1.5 m from two walls."""
-    return Room((10.0, 8.0, 5.0), 0.6), Pose(np.array([1.0, 1.5, 2.4]))
+    """Return the paper's SNR study: 10 x 8 x 5 m, the robot 1.0 and 1.5 m from two walls, microphone 1 at 90 degrees."""
+    return Room((10.0, 8.0, 5.0), 0.6), Pose(np.array([1.0, 1.5, 2.4]), np.pi / 2)
 
 
 @pytest.fixture(scope="session")
-def hear(scene: Scene, study: tuple[Room, Pose]) -> Hear:
-    """Return a function that hears the study `trials` times at an SNR: five probes, fresh noise each, one response."""
-    room, pose = study
-    places = microphone_positions(scene.array, pose)
-    response = scene.rir(room, pose.position, places, sample_rate=22050.0, speed_of_sound=343.0)
+def beside() -> tuple[Room, Pose]:
+    """Return the same room with one wall within 2 m, 1 m behind the robot."""
+    return Room((10.0, 8.0, 5.0), 0.6), Pose(np.array([1.0, 4.1, 2.4]))
 
-    def heard(*, snr_db: float, trials: int, probe: int = 0) -> Observation:
+
+@pytest.fixture(scope="session")
+def hear(scene: Scene) -> Hear:
+    """Return a function that hears a place `trials` times at an SNR, each time with fresh noise."""
+    responses: dict[tuple[float, ...], np.ndarray] = {}
+
+    def heard(place: tuple[Room, Pose], *, snr_db: float, trials: int, probe: int = 0) -> Observation:
+        room, pose = place
+        key = (*pose.position, pose.heading)
+        if key not in responses:
+            places = microphone_positions(scene.array, pose)
+            responses[key] = scene.rir(room, pose.position, places, sample_rate=22050.0, speed_of_sound=343.0)
         robot = replace(scene, probe=noise_probe(seed=probe))
-        received = signals.convolve(robot.probe.samples, response, robot.probe.length)
+        received = signals.convolve(robot.probe.samples, responses[key], robot.probe.length)
         draws = (np.random.default_rng([probe, trial]) for trial in range(trials))
         samples = [add_noise(received, robot, snr_db=snr_db, gain_db=0.0, rng=rng) for rng in draws]
         return Observation(np.stack(samples), robot.probe, robot.array)
