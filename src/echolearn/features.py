@@ -12,25 +12,25 @@ Columns marked (g) change with the gain of the recording; the others are dimensi
 | gain_delay      | m (g)| 4 pi c toa gain: a wall's reflection coefficient if loudspeaker and gain are known   |
 | power           | dB(g)| whole-recording MPDR beam power, the paper's second feature (Eq. 16)                |
 | power_ratio     | dB   | that power over its mean over azimuth                                               |
-| coherence       | 1    | (sum_m a_m)^2 / (M sum_m a_m^2), a_m = r_m(toa + eta_m(azimuth)); 1 is a plane wave  |
-| joint           | 1    | J(toa, azimuth) over the rms of J in the window                                     |
+| coherence       | 1    | (sum_m a_m)^2 / (M sum_m a_m^2), a_m = r_m(toa + eta_m(doa)); 1 is a plane wave      |
+| joint           | 1    | J(toa, doa) over the rms of J in the window                                         |
 | joint_max       | 1    | maximum of J over the same rms                                                      |
-| joint_ratio     | 1    | J(toa, azimuth) over the maximum of J                                               |
-| joint_score     | 1    | J(toa, azimuth) as a normalised correlation over all microphones                    |
+| joint_ratio     | 1    | J(toa, doa)     over the maximum of J                                               |
+| joint_score     | 1    | J(toa, doa)     as a normalised correlation over all microphones                    |
 | joint_lag       | samples | |toa - time of the maximum of J|                                                 |
-| gated_ratio     | dB   | gated power at the azimuth over its mean over azimuth                               |
+| gated_ratio     | dB   | gated power at the doa over its mean over directions                                |
 | azimuth, elevation | rad | direction the localizer chose                                                     |
 | azimuth_mpdr    | rad  | direction of the whole-recording MPDR (the paper's)                                 |
 
 Tensors are (BANDS, M*M) packed Hermitian matrices (`beam.pack`), each band scaled to trace M: `covariance` of
 the whole recording, `covariance_gated` of the matched-filter outputs around the echo, `covariance_steered` the same
-after steering to the estimated azimuth, so that an echo from there is all ones whatever its direction.
+after steering to the estimated direction, so that an echo from there is all ones whatever its direction.
 """
 
 import numpy as np
 from scipy import fft
 
-from echolearn.geometry import relative_delays
+from echolearn.geometry import direction
 from echolearn.localize import beam
 from echolearn.localize.matched import Matched
 from echolearn.localize.snls import recording_covariance, spectrum_of
@@ -55,7 +55,9 @@ def describe(matched: Matched, echoes: Echoes) -> dict[str, Array]:
         matched: matched-filter view of B observations.
         echoes: their echoes, fields (B, 1).
     """
-    index, azimuth = matched.index(echoes.toa[:, 0]), echoes.azimuth[:, 0]
+    index = matched.index(echoes.toa[:, 0])
+    azimuth, elevation = echoes.azimuth[:, 0], echoes.elevation[:, 0]
+    toward = direction(azimuth, elevation)
     whole = recording_covariance(matched.observation)
     return {
         "toa": echoes.toa[:, 0],
@@ -63,12 +65,12 @@ def describe(matched: Matched, echoes: Echoes) -> dict[str, Array]:
         "gain": echoes.gain[:, 0],
         "gain_delay": 4 * np.pi * matched.observation.speed_of_sound * echoes.toa[:, 0] * echoes.gain[:, 0],
         "azimuth": azimuth,
-        "elevation": echoes.elevation[:, 0],
+        "elevation": elevation,
         **peak_columns(matched.correlation[:, 0], index),
         **beam_columns(whole, matched),
-        **steered_columns(matched, index, azimuth),
+        **steered_columns(matched, index, toward),
         "covariance": band_average(whole),
-        **gated_covariances(matched, index, azimuth),
+        **gated_covariances(matched, index, toward),
     }
 
 
@@ -93,17 +95,18 @@ def beam_columns(covariances: Array, matched: Matched) -> dict[str, Array]:
     }
 
 
-def steered_columns(matched: Matched, index: Array, azimuth: Array) -> dict[str, Array]:
-    """Return the columns that compare all microphones, at lag indices (B,) and azimuths (B,)."""
+def steered_columns(matched: Matched, index: Array, toward: Array) -> dict[str, Array]:
+    """Return the columns that compare all microphones, at lag indices (B,) and unit vectors `toward` (B, 3)."""
     rows, steered = np.arange(len(index)), matched.steered
     lags = steered.shape[-1]
-    aligned = align(matched, index, azimuth)[:, :, SEGMENT // 2]
+    aligned = align(matched, index, toward)[:, :, SEGMENT // 2]
     here = aligned.sum(axis=-1)
     best = steered.reshape(len(index), -1).argmax(axis=-1)
     highest = steered.reshape(len(index), -1)[rows, best].astype(float)
     rms = np.sqrt(np.mean(np.square(steered), axis=(-2, -1), dtype=float))
     energy = np.sqrt(matched.energy[rows, :, index]).sum(axis=-1) * np.sqrt(matched.probe_energy)
     gated = matched.gated_power(index)
+    nearest = (toward @ direction(*matched.directions).T).argmax(axis=-1)
     return {
         "coherence": ratio(here**2, aligned.shape[-1] * np.sum(aligned**2, axis=-1)),
         "joint": ratio(here, rms),
@@ -111,21 +114,14 @@ def steered_columns(matched: Matched, index: Array, azimuth: Array) -> dict[str,
         "joint_ratio": ratio(here, highest),
         "joint_score": ratio(here, energy),
         "joint_lag": np.abs(best % lags - index).astype(float),
-        "gated_ratio": decibel(ratio(power_at(gated, azimuth), gated.mean(axis=-1))),
+        "gated_ratio": decibel(ratio(gated[rows, nearest].astype(float), gated.mean(axis=-1))),
     }
 
 
-def power_at(spectrum: Array, azimuth: Array) -> Array:
-    """Return `spectrum` (B, A) at the grid azimuths nearest to `azimuth` (B,)."""
-    azimuths = spectrum.shape[-1]
-    nearest = np.rint((azimuth + np.pi) * azimuths / (2 * np.pi)).astype(int) % azimuths
-    return spectrum[np.arange(len(azimuth)), nearest].astype(float)
-
-
-def align(matched: Matched, index: Array, azimuth: Array) -> Array:
-    """Return r_m(toa + eta_m(azimuth) + k) for k from -SEGMENT/2, shape (B, M, SEGMENT)."""
-    array = matched.observation.array
-    eta = relative_delays(array, azimuth, np.pi / 2, 1.0) * matched.scale
+def align(matched: Matched, index: Array, toward: Array) -> Array:
+    """Return r_m(toa + eta_m + k) for k from -SEGMENT/2, eta_m of unit vectors (B, 3), shape (B, M, SEGMENT)."""
+    along = toward @ matched.observation.array.positions.T
+    eta = (along[:, :1] - along) * matched.scale
     advanced = beam.advance(matched.padded, eta[:, None])[:, 0]
     return cut(advanced, index)
 
@@ -136,9 +132,9 @@ def cut(padded: Array, index: Array) -> Array:
     return np.take_along_axis(padded, lags[:, None, :], axis=-1)
 
 
-def gated_covariances(matched: Matched, index: Array, azimuth: Array) -> dict[str, Array]:
+def gated_covariances(matched: Matched, index: Array, toward: Array) -> dict[str, Array]:
     """Return the covariance tensors of the matched-filter outputs around the echo, plain and steered."""
-    segments = {"covariance_gated": cut(matched.padded, index), "covariance_steered": align(matched, index, azimuth)}
+    segments = {"covariance_gated": cut(matched.padded, index), "covariance_steered": align(matched, index, toward)}
     window = np.hanning(SEGMENT + 1)[:-1]
     spectra = {name: fft.rfft(segment * window)[..., None] for name, segment in segments.items()}
     return {name: band_average(beam.covariance(spectrum)) for name, spectrum in spectra.items()}

@@ -25,7 +25,7 @@ class Matched:
     Attributes:
         observation: what was recorded.
         window: where echoes are sought.
-        azimuths: directions in the steered response.
+        azimuths: directions in the array's plane that the steered response covers, besides its axis.
     """
 
     observation: Observation
@@ -82,10 +82,18 @@ class Matched:
         return float(np.sum(np.square(self.observation.probe.samples)))
 
     @cached_property
+    def directions(self) -> tuple[Array, Array]:
+        """Azimuths and elevations of the steered response, each (A,): the array's plane, and its axis last.
+
+        Walls are in the plane of a robot that stands upright, floor and ceiling on its axis.
+        """
+        azimuth, elevation = beam.direction_grid(self.azimuths)
+        return np.append(azimuth, 0.0), np.append(elevation, 0.0)
+
+    @cached_property
     def steered(self) -> Array:
-        """J(tau, phi) in the array's plane, inside the window, shape (B, A, L), float32."""
-        directions = beam.direction_grid(self.azimuths)
-        full = beam.steered_response(self.padded, self.observation.array, *directions, scale=self.scale)
+        """J(tau, phi) for `directions`, inside the window, shape (B, A, L), float32."""
+        full = beam.steered_response(self.padded, self.observation.array, *self.directions, scale=self.scale)
         return full[..., beam.PAD : -beam.PAD]
 
     @cached_property
@@ -116,5 +124,5 @@ class Matched:
         """Return the steered power within `GATE` lags of lag indices (B,): sum_k J(tau + k, phi)^2, shape (B, A)."""
         offsets = np.clip(index[:, None] + np.arange(-GATE, GATE + 1), 0, self.last - self.first)
         rows = np.arange(len(index))[:, None, None]
-        gate = self.steered[rows, np.arange(self.azimuths)[:, None], offsets[:, None, :]]
+        gate = self.steered[rows, np.arange(self.azimuths + 1)[:, None], offsets[:, None, :]]
         return np.sum(np.square(gate), axis=-1)
