@@ -14,7 +14,7 @@ by which every split is made.
 
 import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import sha256
@@ -91,7 +91,7 @@ def _simulate(plan: Plan, folder: Path, missing: list[int], *, done: int, worker
     with ProcessPoolExecutor(min(workers, len(missing)), get_context("spawn")) as pool, single_threads():
         jobs = [pool.submit(_write, plan, folder, shard) for shard in missing]
         try:
-            for job in track(as_completed(jobs), f"generate {folder.name}", total=done + len(jobs), done=done):
+            for job in track(jobs, f"generate {folder.name}", unit="shards", done=done):
                 job.result()
         except BaseException:
             pool.shutdown(cancel_futures=True)

@@ -65,7 +65,7 @@ def _is_finished(folder: Path, about: dict[str, object]) -> bool:
 
 def _write(folder: Path, walk: list[Pose], *, room: Room, scene: Scene, snr_db: float, seed: int) -> None:
     names = _names(walk)
-    for index, pose in enumerate(track(walk, f"survey {folder.name}", total=len(walk))):
+    for index, pose in enumerate(track(walk, f"survey {folder.name}", unit="poses")):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
         observation, _ = observe(room, pose, scene, snr_db=snr_db, rng=rng)
         store.write_atomic(folder / names[index], recording.wav_bytes(observation.samples, scene.probe.sample_rate))
