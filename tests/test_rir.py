@@ -25,22 +25,15 @@ def respond(engine: Responder, room: Room, source: Array = SOURCE, microphones: 
 
 def images_of(room: Room, source: Array, microphone: Array, *, reach: float) -> tuple[Array, Array]:
     """List distances and reflection products in the form of Allen and Berkley: parity u, period l per axis."""
-    axes = []
+    offsets, gains = [], []
     for axis, length in enumerate(room.size):
         low, high = room.reflection(SPEED)[2 * axis : 2 * axis + 2]
         most = int(reach / (2 * length)) + 2
-        axes.append(
-            [
-                (
-                    (1 - 2 * u) * source[axis] + 2 * period * length - microphone[axis],
-                    low ** abs(period - u) * high ** abs(period),
-                )
-                for u, period in itertools.product((0, 1), range(-most, most + 1))
-            ]
-        )
-    x, y, z = (np.array(axis) for axis in axes)
-    square = x[:, None, None, 0] ** 2 + y[None, :, None, 0] ** 2 + z[None, None, :, 0] ** 2
-    gain = x[:, None, None, 1] * y[None, :, None, 1] * z[None, None, :, 1]
+        u, period = (grid.ravel() for grid in np.meshgrid((0, 1), np.arange(-most, most + 1)))
+        offsets.append((1 - 2 * u) * source[axis] + 2 * period * length - microphone[axis])
+        gains.append(low ** abs(period - u) * high ** abs(period))
+    square = sum(offset**2 for offset in np.meshgrid(*offsets))
+    gain = np.prod(np.meshgrid(*gains), axis=0)
     heard = (square <= reach**2) & (gain > 0)
     return np.sqrt(square[heard]), gain[heard]
 
