@@ -21,7 +21,7 @@ import numpy as np
 import yaml
 from scipy.io import wavfile
 
-from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Probe, check
+from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Probe, check, check_number
 
 HEADER = ("index", "x_m", "y_m", "z_m", "heading_rad", "file")
 
@@ -64,7 +64,6 @@ class Survey:
         samples = read_wav(path, self.probe.sample_rate)
         expected = (len(self.array), self.probe.length)
         check(samples.shape == expected, str(path), samples.shape, allowed=f"{expected[0]} channels of {expected[1]} samples")
-        check(bool(np.isfinite(samples).all()), str(path), "NaN or infinity", allowed="finite samples")
         return samples
 
 
@@ -79,15 +78,23 @@ def read_wav(path: Path, sample_rate: float) -> Array:
     """Return a WAV file's samples as float64, shape (M, N), PCM scaled to -1 ... 1.
 
     Raises:
-        BadValue: not a WAV file, or its sample rate is not `sample_rate` Hz.
+        BadValue: not a WAV file, its sample rate is not `sample_rate` Hz, or it holds NaN.
     """
     try:
         rate, samples = wavfile.read(path)
-    except (OSError, ValueError) as error:
-        raise BadValue(f"{path}: cannot be read as WAV ({error})") from None
+    except Exception as error:  # scipy answers a damaged header with whatever its parser trips over
+        raise BadValue(f"{path}: cannot be read as WAV ({' '.join(str(error).split())})") from None
     check(rate == sample_rate, f"{path} sample_rate", f"{rate} Hz", allowed=f"{sample_rate:g} Hz", hint="resample the recording")
-    full_scale = np.iinfo(samples.dtype).max + 1.0 if samples.dtype.kind == "i" else 1.0
-    return np.atleast_2d(samples.T).astype(float) / full_scale
+    check(bool(np.isfinite(samples).all()), str(path), "NaN or infinity", allowed="finite samples")
+    return np.atleast_2d(scaled(samples).T)
+
+
+def scaled(samples: Array) -> Array:
+    """Return samples as float64, PCM of any width scaled to -1 ... 1; that of 8 bits is unsigned around 128."""
+    if samples.dtype.kind not in "iu":
+        return samples.astype(float)
+    half = 2.0 ** (8 * samples.dtype.itemsize - 1)
+    return (samples.astype(float) - (half if samples.dtype.kind == "u" else 0.0)) / half
 
 
 def poses_csv(poses: Sequence[Pose], files: Sequence[str]) -> bytes:
@@ -122,8 +129,6 @@ def read(folder: Path) -> Survey:
     """
     folder = Path(folder)
     about = _read_yaml(folder / "survey.yaml")
-    present = about["direct_path"]
-    check(present == "removed", f"{folder}/survey.yaml direct_path", present, allowed="removed", hint="subtract the anechoic response first")
     padded = read_wav(folder / "probe.wav", about["sample_rate"])[0]
     burst = padded[: np.flatnonzero(padded)[-1] + 1] if padded.any() else padded[:0]
     check(len(burst) > 0, f"{folder}/probe.wav", "silence", allowed="the burst that was emitted")
@@ -131,11 +136,11 @@ def read(folder: Path) -> Survey:
     return Survey(
         folder=folder,
         probe=Probe(burst, about["sample_rate"], len(padded)),
-        array=MicArray(about["microphones"]),
+        array=MicArray(about["microphones"] - about["loudspeaker"]),
         speed_of_sound=about["speed_of_sound"],
         poses=poses,
         files=files,
-        walls=np.array(about["walls"], dtype=float) if about.get("walls") else None,
+        walls=about.get("walls"),
         conditions=about.get("conditions") or {},
     )
 
@@ -143,12 +148,30 @@ def read(folder: Path) -> Survey:
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
         content = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, yaml.YAMLError) as error:
         raise BadValue(f"{path}: cannot be read ({' '.join(str(error).split())})") from None
     required = ("sample_rate", "speed_of_sound", "microphones", "loudspeaker", "direct_path")
-    missing = [key for key in required if key not in (content or {})]
+    missing = [key for key in required if not isinstance(content, dict) or key not in content]
     check(not missing, str(path), f"without {', '.join(missing)}", allowed=f"a mapping with {', '.join(required)}")
-    return dict(content)
+    present, conditions = content["direct_path"], content.get("conditions") or {}
+    check(present == "removed", f"{path} direct_path", present, allowed="removed", hint="subtract the anechoic response first")
+    check(isinstance(conditions, dict), f"{path} conditions", conditions, allowed="a mapping")
+    check_number(f"{path} sample_rate", content["sample_rate"], low=1000.0, high=400_000.0, unit="Hz")
+    check_number(f"{path} speed_of_sound", content["speed_of_sound"], low=100.0, high=2000.0, unit="m/s", hint="air is 343 m/s")
+    shapes = {"microphones": (-1, 3), "loudspeaker": (3,)} | ({"walls": (-1, 2)} if content.get("walls") else {})
+    return {**content, **{key: _metres(content[key], f"{path} {key}", shape) for key, shape in shapes.items()}}
+
+
+def _metres(value: Any, name: str, shape: tuple[int, ...]) -> Array:
+    """Return lists of coordinates as an array of `shape`, in which -1 is any number but 0."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    fits = array.ndim == len(shape) and all(n == wanted or n > 0 > wanted for n, wanted in zip(array.shape, shape, strict=True))
+    axes = " x ".join("many" if wanted == -1 else str(wanted) for wanted in shape)
+    check(fits and bool(np.isfinite(array).all()), name, value, allowed=f"{axes} finite numbers in m")
+    return array
 
 
 def _read_poses(path: Path) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
@@ -156,8 +179,11 @@ def _read_poses(path: Path) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
         with path.open(newline="") as file:
             rows = list(csv.DictReader(file))
         poses = tuple(Pose(np.array([float(r["x_m"]), float(r["y_m"]), float(r["z_m"])]), float(r["heading_rad"])) for r in rows)
-        files = tuple(row["file"] for row in rows)
-    except (OSError, KeyError, TypeError, ValueError) as error:
+        files = tuple(str(row["file"] or "") for row in rows)
+    except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
         raise BadValue(f"{path}: cannot be read ({error!r}); its columns are {','.join(HEADER)}") from None
     check(len(poses) > 0, str(path), "no rows", allowed="at least one pose")
+    finite = all(np.isfinite([*pose.position, pose.heading]).all() for pose in poses)
+    check(finite, str(path), "NaN or infinity", allowed="finite positions and headings")
+    check(all(files), str(path), "a row without file", allowed=f"the columns {','.join(HEADER)} in every row")
     return poses, files
