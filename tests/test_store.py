@@ -1,16 +1,11 @@
 """Files are whole or absent; nothing damaged is ever read as if it were sound."""
 
-import errno
-import fcntl
 import json
-import os
-import resource
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -205,7 +200,9 @@ def test_a_full_disk_gives_one_clear_line_and_nothing_half_written(tmp_path: Pat
 
     with pytest.raises(BadValue) as caught:
         store.write_atomic(tmp_path / "a.bin", on_full_disk)
-    assert str(caught.value).endswith("a.bin: cannot be written (No space left on device); make room and run the same command again")
+    assert str(caught.value).endswith(
+        "a.bin: cannot be written (No space left on device); make room and run the same command again"
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -272,7 +269,9 @@ def test_damage_is_named_with_the_command_that_mends_it(sound: tuple[Path, dict[
 def test_a_missing_file_is_damage(tmp_path: Path) -> None:
     finished(tmp_path)
     (tmp_path / "config.json").unlink()
-    with pytest.raises(BadValue, match=r"config\.json: cannot be read \(No such file or directory\); run again: echolearn"):
+    with pytest.raises(
+        BadValue, match=r"config\.json: cannot be read \(No such file or directory\); run again: echolearn"
+    ):
         store.verify(tmp_path)
 
 
@@ -311,5 +310,7 @@ def test_a_finished_set_is_mended_by_redoing_the_damaged_shard_alone(tmp_path: P
     (tmp_path / "shard-00001.npy").write_bytes(content)
     assert store.missing_shards(tmp_path, 2) == [1]
     store.write_shard(tmp_path, 1, np.arange(5.0) + 1)
-    store.finish(tmp_path, {"rows": 10, "command": "echolearn generate plan=tiny"}, sorted(set(before) - {store.MANIFEST}))
+    store.finish(
+        tmp_path, {"rows": 10, "command": "echolearn generate plan=tiny"}, sorted(set(before) - {store.MANIFEST})
+    )
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before

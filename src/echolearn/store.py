@@ -146,7 +146,7 @@ def open_array(path: Path, *, size: int, sha256: str, mend: str = MEND) -> Array
     """
     prove(path, size=size, expected=sha256, mend=mend)
     try:
-        return np.load(path, mmap_mode="r", allow_pickle=False)  # type: ignore[no-any-return]
+        return np.load(path, mmap_mode="r", allow_pickle=False)
     except ValueError as error:
         raise BadValue(f"{path}: not a plain array ({one_line(error)}); {mend}") from None
 
@@ -161,16 +161,6 @@ def prove(path: Path, *, size: int, expected: str, mend: str = MEND) -> None:
     if not whole:
         what = f"{found} bytes instead of {size}" if found != size else "its SHA-256 differs"
         raise BadValue(f"{path}: damaged, {what}; {mend}")
-
-
-def single_thread() -> None:
-    """Hold this process's linear algebra to one thread, for the initializer of a pool of workers.
-
-    Sums then run in one order whatever the number of workers or cores, and workers do not fight over cores.
-    """
-    from threadpoolctl import threadpool_limits
-
-    threadpool_limits(1)
 
 
 def one_line(error: BaseException) -> str:
@@ -228,15 +218,6 @@ def advice(manifest: Mapping[str, Any]) -> str:
     return f"run again: {manifest['command']}" if "command" in manifest else MEND
 
 
-def is_finished(folder: Path) -> bool:
-    """Tell whether `folder` has a manifest and every file in it is whole; if not, its command has work to do."""
-    try:
-        verify(folder)
-    except BadValue:
-        return False
-    return True
-
-
 def shard_name(index: int) -> str:
     """Return the file name of a shard."""
     return f"shard-{index:05d}.npy"
@@ -258,26 +239,13 @@ def missing_shards(folder: Path, count: int) -> list[int]:
     """Return which of the shards 0 ... count - 1 have still to be written, because absent, torn or damaged.
 
     The reference is the manifest of a finished folder, or else the checksum beside each shard, so running the
-    command that made a set again mends a damaged one and redoes nothing else. Stale temporaries are removed.
+    command that made a set again mends a damaged one and redoes nothing else.
     """
-    clean(folder)
     try:
         entries = load_manifest(folder)["files"]
     except BadValue:
         entries = {}
     return [index for index in range(count) if not is_whole(Path(folder) / shard_name(index), entries)]
-
-
-def finish_shards(folder: Path, count: int, manifest: Mapping[str, Any]) -> None:
-    """Declare a folder of `count` shards finished; see `finish`."""
-    finish(folder, manifest, [shard_name(index) for index in range(count)])
-
-
-def open_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Array]:
-    """Map the shards of a finished folder into memory, in order, each proved whole against `manifest`."""
-    entries = sorted((name, entry) for name, entry in manifest["files"].items() if name.startswith("shard-"))
-    mend = advice(manifest)
-    return [open_array(Path(folder) / name, size=e["bytes"], sha256=e["sha256"], mend=mend) for name, e in entries]
 
 
 def is_whole(path: Path, entries: Mapping[str, Any]) -> bool:

@@ -1,0 +1,227 @@
+"""A configuration is a call written down: `_target_` names what to call, the other keys are its arguments.
+
+    conf/*.yaml + overrides --compose--> plain containers --build--> objects
+
+`compose` is the only place that imports hydra. Hydra joins the YAML files that a command line chooses; the values on
+the command line are then set in copies of that, so a sweep over many of them costs little more than one.
+
+`build` makes the call, innermost first. What it calls must be defined in one of `ALLOWED`: the name is imported, never
+searched for by walking through attributes, so `echolearn.store.os.system` leads nowhere, and where an object was
+defined counts, not where it was found. Errors of the called come through as they are.
+"""
+
+import copy
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from functools import cache, partial
+from importlib import import_module
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from echolearn.types import BadValue
+
+if TYPE_CHECKING:
+    from hydra.core.override_parser.types import Override
+    from omegaconf import DictConfig
+
+Config = dict[str, Any]
+
+TARGET = "_target_"
+
+ALLOWED = ("echolearn.", "torch.nn.")
+"""Where a target may be defined."""
+
+
+class UsageError(Exception):
+    """A command line that cannot be understood."""
+
+
+def folder() -> Path:
+    """Return the folder of the YAML files: the installed package's, or the repository's."""
+    installed = Path(__file__).parent / "conf"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "conf"
+
+
+def build(config: Any, name: str = "config") -> Any:
+    """Make the calls that a configuration writes down.
+
+    Args:
+        config: plain containers; every mapping with `_target_` becomes what its call returns.
+        name: dotted name of this part, for errors.
+
+    Raises:
+        BadValue: a target that is not allowed or not there, a key that it does not know or lacks.
+    """
+    if isinstance(config, list):
+        return [build(item, name) for item in config]
+    if not isinstance(config, dict):
+        return config
+    arguments = {key: build(value, f"{name}.{key}") for key, value in config.items() if key != TARGET}
+    return call(config[TARGET], arguments, name) if TARGET in config else arguments
+
+
+def call(target: object, arguments: Config, name: str) -> Any:
+    """Call what has that dotted name with keyword arguments."""
+    function = find(target, name)
+    parameters = inspect.signature(function).parameters
+    for key in arguments.keys() - parameters.keys():
+        raise BadValue(f"{name}.{key}={arguments[key]}: there is no such key; {suggest(key, list(parameters))}")
+    for key, parameter in parameters.items():
+        if key not in arguments and parameter.default is parameter.empty:
+            raise BadValue(f"{name}.{key}: is missing; {target} needs it")
+    return function(**arguments)
+
+
+def find(target: object, name: str) -> Callable[..., Any]:
+    """Return the function or class of that dotted name, if it is defined where targets may be.
+
+    Raises:
+        BadValue: it is not, or does not exist.
+    """
+    module, _, leaf = str(target).rpartition(".")
+    refusal = f"{name}._target_={target}: something defined in {' or '.join(place + '*' for place in ALLOWED)}"
+    if not module.startswith(ALLOWED):
+        raise BadValue(f"{refusal}; a configuration may call nothing else")
+    try:
+        found = getattr(import_module(module), leaf)
+    except (ModuleNotFoundError, AttributeError) as error:
+        raise BadValue(f"{refusal}; {error}") from None
+    if not callable(found) or not f"{getattr(found, '__module__', '')}".startswith(ALLOWED):
+        raise BadValue(f"{refusal}; this one is not")
+    return found
+
+
+def compose(
+    command: str, words: Sequence[str], *, many: bool = False, resolve: bool = True
+) -> list[tuple[str, Config]]:
+    """Return every job of a command line: what was swept, in words, and its configuration as plain containers.
+
+    All are composed before the first one runs, so a slip in the last stops them all.
+
+    Args:
+        command: names the primary configuration.
+        words: overrides in Hydra's grammar.
+        many: whether they may sweep.
+        resolve: replace interpolations by what they stand for.
+
+    Raises:
+        UsageError: an override that cannot be understood, or a key or an option that does not exist.
+    """
+    from hydra import initialize_config_dir
+    from hydra.errors import HydraException
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    jobs: list[tuple[str, Any]] = []
+    try:
+        with initialize_config_dir(version_base="1.3", config_dir=str(folder())):
+            join = cache(partial(_join, command))
+            for name, choosing, values in _expand(words, many=many):
+                config = _configure(join, choosing, values)
+                jobs.append((name, OmegaConf.to_container(config, resolve=resolve, throw_on_missing=resolve)))
+    except (HydraException, OmegaConfBaseException) as error:
+        raise UsageError(str(error).split("\nSee http")[0]) from error
+    return jobs
+
+
+def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, list[str], list["Override"]]]:
+    """Yield each combination of the swept values: what is swept, in words, the options to choose, the values to set."""
+    from hydra.core.global_hydra import GlobalHydra
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+
+    parser = OverridesParser.create(GlobalHydra.instance().config_loader())
+    given = parser.parse_overrides(list(words))
+    parse = cache(parser.parse_override)
+    chooses = cache(lambda word: _chooses(parse(word)))
+    for job in product(*(_spread(override, many=many) for override in given)):
+        swept = [word for word, override in zip(job, given, strict=True) if override.is_sweep_override()]
+        yield (
+            " ".join(swept),
+            [word for word in job if chooses(word)],
+            [parse(word) for word in job if not chooses(word)],
+        )
+
+
+def _spread(override: "Override", *, many: bool) -> list[str]:
+    """Return an override once for each of its values."""
+    word = override.input_line or ""
+    if not override.is_sweep_override():
+        return [word]
+    if not many:
+        raise UsageError(f"{word}: several values need -m, or brackets if they are one list, key=[a,b]")
+    return [f"{override.get_key_element()}={value}" for value in override.sweep_string_iterator()]
+
+
+def _chooses(override: "Override") -> bool:
+    """Tell whether an override chooses among files rather than setting a value; refuse options that do not exist."""
+    from hydra.core.global_hydra import GlobalHydra
+
+    group, word, option = override.key_or_group, override.input_line, override.value()
+    if group.replace("/", ".").partition(".")[0] == "hydra":
+        raise UsageError(f"{word}: hydra's own settings are fixed; jobs run one after another")
+    options = GlobalHydra.instance().config_loader().get_group_options(group)
+    if options and isinstance(option, str) and option not in options:
+        raise UsageError(f"{word}: {group} has no option {option}; {suggest(option, options)}")
+    return bool(options)
+
+
+def _configure(
+    join: Callable[..., "DictConfig"], choosing: Sequence[str], values: Sequence["Override"]
+) -> "DictConfig":
+    """Return the configuration of one job: the files that its options choose, then its values."""
+    from omegaconf import OmegaConf
+
+    config = copy.deepcopy(join(*choosing))
+    known = [key for key in dotted(OmegaConf.to_container(config)) if not key.startswith("choice")]
+    for override in values:
+        _set(config, override, known)
+    return config
+
+
+def _set(config: "DictConfig", override: "Override", known: Sequence[str]) -> None:
+    """Set one value. Its key must exist, or belong to a call, which knows its own keys and refuses others."""
+    from hydra.core.override_parser.types import OverrideType
+    from omegaconf import OmegaConf
+
+    key, word, parent = override.key_or_group, override.input_line, override.key_or_group.rpartition(".")[0]
+    if override.type == OverrideType.DEL:
+        raise UsageError(f"{word}: keys are set, not deleted; set it to null")
+    if key not in known and f"{parent}.{TARGET}" not in known:
+        raise UsageError(f"{word}: there is no key {key}; {suggest(key, known)}")
+    OmegaConf.update(config, key, override.value(), merge=True, force_add=True)
+
+
+def _join(command: str, *words: str) -> "DictConfig":
+    """Let Hydra join a command's files as `words` choose; `choice` holds the name of each chosen file."""
+    from hydra import compose as join
+    from omegaconf import open_dict
+
+    config = join(command, list(words), return_hydra_config=True)
+    chosen = {group: name for group, name in config.hydra.runtime.choices.items() if not group.startswith("hydra/")}
+    with open_dict(config):
+        del config["hydra"]
+        config.choice = chosen
+    return config
+
+
+def dotted(config: Any, name: str = "") -> Iterator[str]:
+    """Yield the dotted name of everything inside plain containers."""
+    items = config.items() if isinstance(config, dict) else enumerate(config) if isinstance(config, list) else ()
+    for key, value in items:
+        yield f"{name}{key}"
+        yield from dotted(value, f"{name}{key}.")
+
+
+def without(config: Mapping[str, Any], names: str) -> Config:
+    """Return what remains of a mapping without the keys in `names`, separated by blanks."""
+    return {key: value for key, value in config.items() if key not in names.split()}
+
+
+def suggest(word: str, known: Sequence[str]) -> str:
+    """Return the name in `known` that comes closest to `word`, by its last part if not as a whole, or all of them."""
+    leaves = {name.rpartition(".")[2]: name for name in reversed(known)}
+    near = get_close_matches(word, known, n=1) or [leaves[leaf] for leaf in get_close_matches(word, list(leaves), n=1)]
+    top = [name for name in known if "." not in name]
+    return f"did you mean {near[0]}?" if near else f"known are {', '.join(top)}"
