@@ -37,7 +37,7 @@ def chamber() -> Room:
 
 @pytest.fixture(scope="session")
 def study() -> tuple[Room, Pose]:
-    """Return the paper's SNR study: 10 x 8 x 5 m, the robot 1.0 and 1.5 m from two walls, microphone 1 at 90 degrees."""
+    """Return the paper's SNR study: 10 x 8 x 5 m, 1.0 and 1.5 m from two walls, microphone 1 at 90 degrees."""
     return Room((10.0, 8.0, 5.0), 0.6), Pose(np.array([1.0, 1.5, 2.4]), np.pi / 2)
 
 

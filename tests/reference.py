@@ -8,22 +8,24 @@ import math
 
 import numpy as np
 
+from echolearn.types import Array
+
 SPEED = 343.0
 
 
-def shift(samples: np.ndarray, delay: float) -> np.ndarray:
+def shift(samples: Array, delay: float) -> Array:
     """Delay real samples (..., N) circularly by a fractional number of samples: Z(tau) of Eq. 10."""
     size = samples.shape[-1]
     omega = 2 * np.pi * np.fft.rfftfreq(size)
     return np.fft.irfft(np.fft.rfft(samples) * np.exp(-1j * omega * delay), size)
 
 
-def padded(burst: np.ndarray, length: int) -> np.ndarray:
+def padded(burst: Array, length: int) -> Array:
     """Return the burst followed by silence, shape (length,)."""
     return np.concatenate([burst, np.zeros(length - len(burst))])
 
 
-def snls(recording: np.ndarray, burst: np.ndarray, *, first: int, last: int) -> tuple[int, float]:
+def snls(recording: Array, burst: Array, *, first: int, last: int) -> tuple[int, float]:
     """Return the lag and gain of Eqs. 10-13: least squares over every lag, positive gains only."""
     probe = padded(burst, len(recording))
     best = (math.inf, first, 0.0)
@@ -34,29 +36,25 @@ def snls(recording: np.ndarray, burst: np.ndarray, *, first: int, last: int) -> 
     return best[1], best[2]
 
 
-def delays(positions: np.ndarray, azimuth: float, elevation: float = math.pi / 2) -> np.ndarray:
-    """Return a plane wave's delays at microphones (M, 3) relative to the origin, in s: -(R/c) sin psi cos(theta - phi)."""
-    return np.array(
-        [
-            -math.hypot(x, y) / SPEED * math.sin(elevation) * math.cos(math.atan2(y, x) - azimuth) - z / SPEED * math.cos(elevation)
-            for x, y, z in positions
-        ]
-    )
+def delays(positions: Array, azimuth: float, elevation: float = math.pi / 2) -> Array:
+    """Return a plane wave's delays at microphones (M, 3) relative to the origin: -(R/c) sin psi cos(theta - phi)."""
+    ahead = [math.hypot(x, y) * math.sin(elevation) * math.cos(math.atan2(y, x) - azimuth) for x, y, _ in positions]
+    return -(np.array(ahead) + positions[:, 2] * math.cos(elevation)) / SPEED
 
 
-def plane_wave(source: np.ndarray, positions: np.ndarray, azimuth: float, *, rate: float) -> np.ndarray:
+def plane_wave(source: Array, positions: Array, azimuth: float, *, rate: float) -> Array:
     """Return what microphones (M, 3) hear of a plane wave that passes the origin as `source` (N,), shape (M, N)."""
     return np.stack([shift(source, delay * rate) for delay in delays(positions, azimuth)])
 
 
-def spectra(recording: np.ndarray, frame: int = 882) -> np.ndarray:
+def spectra(recording: Array, frame: int = 882) -> Array:
     """Return the STFT of (M, N) with Hann window and half overlap by the sum that defines it, shape (M, F, T)."""
     hop, count = frame // 2, 1 + (recording.shape[-1] - frame) // (frame // 2)
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(frame) / frame)
     return np.stack([np.fft.rfft(recording[:, t * hop : t * hop + frame] * window) for t in range(count)], axis=-1)
 
 
-def mpdr(recording: np.ndarray, positions: np.ndarray, azimuths: np.ndarray, *, rate: float, gamma: float = 0.1) -> np.ndarray:
+def mpdr(recording: Array, positions: Array, azimuths: Array, *, rate: float, gamma: float = 0.1) -> Array:
     """Return the SRP-MPDR power of one recording (M, N) over azimuths (Eqs. 15-18): w^H R_bar w, summed over bins."""
     frames = spectra(recording)
     power = np.zeros(len(azimuths))
@@ -72,21 +70,21 @@ def mpdr(recording: np.ndarray, positions: np.ndarray, azimuths: np.ndarray, *, 
     return power
 
 
-def steered(recording: np.ndarray, burst: np.ndarray, positions: np.ndarray, azimuth: float, *, rate: float) -> np.ndarray:
-    """Return J(tau, phi) at every lag: recordings (M, N) advanced by eta_m, summed, correlated with the burst, shape (N,)."""
+def steered(recording: Array, burst: Array, positions: Array, azimuth: float, *, rate: float) -> Array:
+    """Return J(tau, phi) at every lag: recordings (M, N) advanced by eta_m, summed, correlated, shape (N,)."""
     eta = (delays(positions, azimuth) - delays(positions, azimuth)[0]) * rate
     together = sum(shift(y, -lag) for y, lag in zip(recording, eta, strict=True))
     spectrum = np.fft.fft(together) * np.fft.fft(padded(burst, len(together))).conj()
     return np.fft.ifft(spectrum).real
 
 
-def gated(recording: np.ndarray, burst: np.ndarray, positions: np.ndarray, azimuths: np.ndarray, *, lag: int, rate: float) -> np.ndarray:
+def gated(recording: Array, burst: Array, positions: Array, azimuths: Array, *, lag: int, rate: float) -> Array:
     """Return sum_k J(lag + k, phi)^2 for |k| <= 2 over azimuths."""
     rows = (steered(recording, burst, positions, azimuth, rate=rate) for azimuth in azimuths)
     return np.array([np.sum(row[lag - 2 : lag + 3] ** 2) for row in rows])
 
 
-def images(size: tuple[float, ...], position: np.ndarray) -> list[np.ndarray]:
+def images(size: tuple[float, ...], position: Array) -> list[Array]:
     """Return the six first-order mirror images of a point in a shoebox spanning [0, size]."""
     found = []
     for axis in range(3):
@@ -97,13 +95,14 @@ def images(size: tuple[float, ...], position: np.ndarray) -> list[np.ndarray]:
     return found
 
 
-def microphones(positions: np.ndarray, place: np.ndarray, heading: float) -> np.ndarray:
+def microphones(positions: Array, place: Array, heading: float) -> Array:
     """Return microphones of the robot's frame in the room's frame, one by one."""
     cos, sin = math.cos(heading), math.sin(heading)
-    return np.array([[place[0] + cos * x - sin * y, place[1] + sin * x + cos * y, place[2] + z] for x, y, z in positions])
+    turned = [[cos * x - sin * y, sin * x + cos * y, z] for x, y, z in positions]
+    return np.array(turned) + place
 
 
-def echo(burst: np.ndarray, image: np.ndarray, microphone: np.ndarray, *, strength: float, rate: float, length: int) -> np.ndarray:
+def echo(burst: Array, image: Array, microphone: Array, *, strength: float, rate: float, length: int) -> Array:
     """Return the burst as it comes from one image to one microphone: strength / (4 pi d), d/c late, shape (length,)."""
     distance = float(np.linalg.norm(image - microphone))
     return strength / (4 * math.pi * distance) * shift(padded(burst, length), distance / SPEED * rate)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import reference
 from echolearn import signals
 from echolearn.geometry import circular_array
 from echolearn.localize import beam
@@ -45,7 +45,9 @@ def test_grids_by_hand() -> None:
 def test_steering_is_the_spectrum_of_a_plane_wave() -> None:
     spectrum = np.fft.rfft(wave(0.9))[:, 100]
     frequency = np.fft.rfftfreq(8000, 1 / 22050.0)[100:101]
-    vector = beam.steering(RING, np.array([0.9]), np.array([np.pi / 2]), frequencies=frequency, speed_of_sound=343.0)[0, 0]
+    vector = beam.steering(RING, np.array([0.9]), np.array([np.pi / 2]), frequencies=frequency, speed_of_sound=343.0)[
+        0, 0
+    ]
     ratio = spectrum / vector
     assert np.allclose(ratio, ratio[0])
 
@@ -53,9 +55,12 @@ def test_steering_is_the_spectrum_of_a_plane_wave() -> None:
 def test_steering_weights_are_made_once() -> None:
     assert weights() is weights()
     assert weights().shape == (442, 36, 60)
-    assert not np.array_equal(weights()[100], beam.steering_weights(
-        circular_array(radius=0.1), 60, 1, frame=882, sample_rate=22050.0, speed_of_sound=343.0
-    )[100])
+    assert not np.array_equal(
+        weights()[100],
+        beam.steering_weights(circular_array(radius=0.1), 60, 1, frame=882, sample_rate=22050.0, speed_of_sound=343.0)[
+            100
+        ],
+    )
 
 
 # ---------------------------------------------------------------- matrices
@@ -143,7 +148,9 @@ def test_mpdr_never_passes_more_than_delay_and_sum() -> None:
     """Both pass the look direction undistorted and MPDR passes least of all such beamformers (Capon)."""
     matrices = hermitian(np.random.default_rng(5), 3, 442)
     loaded = beam.regularize(matrices, 0.1)
-    assert (beam.mpdr_power(matrices, weights(), gamma=0.1) <= beam.delay_and_sum_power(loaded, weights()) * (1 + 1e-6)).all()
+    assert (
+        beam.mpdr_power(matrices, weights(), gamma=0.1) <= beam.delay_and_sum_power(loaded, weights()) * (1 + 1e-6)
+    ).all()
 
 
 @pytest.mark.parametrize("azimuth", [-2.5, -0.3, 0.0, 1.2, 3.0])

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import reference
 
+import reference
 from echolearn import features
 from echolearn.geometry import SearchWindow, circular_array
 from echolearn.localize import beam
@@ -78,7 +78,9 @@ def test_columns_of_the_peak_are_their_definitions(case: tuple[Array, dict[str, 
     assert columns["gain_delay"][0] == pytest.approx(4 * np.pi * 343.0 * lag / 22050.0 * columns["gain"][0])
 
 
-def test_columns_of_the_steered_response_are_their_definitions(case: tuple[Array, dict[str, Array], int, float]) -> None:
+def test_columns_of_the_steered_response_are_their_definitions(
+    case: tuple[Array, dict[str, Array], int, float],
+) -> None:
     """The short transforms of the fast code cost about 1 % of the peak."""
     samples, columns, lag, azimuth = case
     first, _ = SearchWindow().lags(RING, 22050.0)
@@ -92,7 +94,9 @@ def test_columns_of_the_steered_response_are_their_definitions(case: tuple[Array
     assert columns["joint_score"][0] == pytest.approx(here / energy, rel=0.02)
     assert columns["joint_lag"][0] == abs(response.max(axis=0).argmax() - (lag - first))
     eta = (reference.delays(RING.positions, azimuth) - reference.delays(RING.positions, azimuth)[0]) * 22050.0
-    aligned = [np.correlate(reference.shift(y, -e), PROBE.samples, "valid")[lag] for y, e in zip(samples, eta, strict=True)]
+    aligned = [
+        np.correlate(reference.shift(y, -e), PROBE.samples, "valid")[lag] for y, e in zip(samples, eta, strict=True)
+    ]
     assert columns["coherence"][0] == pytest.approx(sum(aligned) ** 2 / (6 * sum(a**2 for a in aligned)), rel=0.03)
     gated = reference.gated(samples, PROBE.samples, RING.positions, GRID, lag=lag, rate=22050.0)
     ratio = 10 * np.log10(gated[np.abs(GRID - azimuth).argmin()] / gated.mean())
@@ -152,7 +156,9 @@ def literal_tensor(spectra: Array) -> Array:
                 total += np.outer(frame, frame.conj())
         total *= 6 / np.trace(total).real
         upper = [(p, q) for p in range(6) for q in range(p + 1, 6)]
-        tensor.append([total[p, p].real for p in range(6)] + [total[p].real for p in upper] + [total[p].imag for p in upper])
+        tensor.append(
+            [total[p, p].real for p in range(6)] + [total[p].real for p in upper] + [total[p].imag for p in upper]
+        )
     return np.array(tensor)
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import reference
 import yaml
 
+import reference
 from echolearn.geometry import SearchWindow, circular_array, true_echoes
 from echolearn.localize import Localizer, beam
 from echolearn.localize.gated import Gated

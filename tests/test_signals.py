@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import reference
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import hann
 
+import reference
 from echolearn import signals
 from echolearn.signals import noise_probe
 from echolearn.types import BadValue, Probe

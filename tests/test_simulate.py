@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import reference
 
+import reference
 from echolearn import signals
 from echolearn.geometry import circular_array
 from echolearn.simulate import Scene, add_noise, observe
@@ -22,7 +22,9 @@ def relative_error(found: np.ndarray, expected: np.ndarray) -> float:
 def test_the_direct_path_is_one_over_four_pi_r_and_r_over_c_late(brief: Scene) -> None:
     """The engine's filter is not flat up to the Nyquist frequency: 3 % of a white burst's energy."""
     probe, places = brief.probe, brief.array.positions
-    expected = [reference.echo(probe.samples, np.zeros(3), p, strength=1.0, rate=22050.0, length=probe.length) for p in places]
+    expected = [
+        reference.echo(probe.samples, np.zeros(3), p, strength=1.0, rate=22050.0, length=probe.length) for p in places
+    ]
     assert relative_error(brief.direct, np.array(expected)) < 0.03
     peak = signals.matched_filter(brief.direct, probe, first=0, last=40).argmax(axis=-1)
     assert np.array_equal(peak, [13] * 6)  # 0.2 m / c = 12.86 samples
@@ -37,7 +39,8 @@ def test_one_wall_makes_one_echo(brief: Scene, chamber: Room, wall: int) -> None
     strength = factor * np.sqrt(1 - chamber.sabine_absorption())
     places = reference.microphones(brief.array.positions, POSE.position, POSE.heading)
     expected = [
-        reference.echo(brief.probe.samples, image, p, strength=strength, rate=22050.0, length=brief.probe.length) for p in places
+        reference.echo(brief.probe.samples, image, p, strength=strength, rate=22050.0, length=brief.probe.length)
+        for p in places
     ]
     assert relative_error(reflected, np.array(expected)) < 0.03
 
@@ -81,7 +84,9 @@ def test_gain_scales_signal_and_noise_alike(brief: Scene, chamber: Room) -> None
 
 
 def test_observing_again_hears_the_same(brief: Scene, chamber: Room) -> None:
-    first, again, other = (observe(chamber, POSE, brief, snr_db=0.0, rng=np.random.default_rng(s))[0] for s in (5, 5, 6))
+    first, again, other = (
+        observe(chamber, POSE, brief, snr_db=0.0, rng=np.random.default_rng(s))[0] for s in (5, 5, 6)
+    )
     assert first.samples.shape == (6, 8000)
     assert np.array_equal(first.samples, again.samples)
     assert not np.array_equal(first.samples, other.samples)

@@ -63,7 +63,12 @@ class Survey:
         path = self.folder / name
         samples = read_wav(path, self.probe.sample_rate)
         expected = (len(self.array), self.probe.length)
-        check(samples.shape == expected, str(path), samples.shape, allowed=f"{expected[0]} channels of {expected[1]} samples")
+        check(
+            samples.shape == expected,
+            str(path),
+            samples.shape,
+            allowed=f"{expected[0]} channels of {expected[1]} samples",
+        )
         return samples
 
 
@@ -84,7 +89,13 @@ def read_wav(path: Path, sample_rate: float) -> Array:
         rate, samples = wavfile.read(path)
     except Exception as error:  # scipy answers a damaged header with whatever its parser trips over
         raise BadValue(f"{path}: cannot be read as WAV ({' '.join(str(error).split())})") from None
-    check(rate == sample_rate, f"{path} sample_rate", f"{rate} Hz", allowed=f"{sample_rate:g} Hz", hint="resample the recording")
+    check(
+        rate == sample_rate,
+        f"{path} sample_rate",
+        f"{rate} Hz",
+        allowed=f"{sample_rate:g} Hz",
+        hint="resample the recording",
+    )
     check(bool(np.isfinite(samples).all()), str(path), "NaN or infinity", allowed="finite samples")
     return np.atleast_2d(scaled(samples).T)
 
@@ -107,7 +118,9 @@ def poses_csv(poses: Sequence[Pose], files: Sequence[str]) -> bytes:
     return text.getvalue().encode()
 
 
-def describe(array: MicArray, probe: Probe, *, speed_of_sound: float, walls: Array, conditions: Mapping[str, Any]) -> bytes:
+def describe(
+    array: MicArray, probe: Probe, *, speed_of_sound: float, walls: Array, conditions: Mapping[str, Any]
+) -> bytes:
     """Return the text of `survey.yaml` for recordings whose direct path has been removed."""
     content = {
         "sample_rate": float(probe.sample_rate),
@@ -154,10 +167,18 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     missing = [key for key in required if not isinstance(content, dict) or key not in content]
     check(not missing, str(path), f"without {', '.join(missing)}", allowed=f"a mapping with {', '.join(required)}")
     present, conditions = content["direct_path"], content.get("conditions") or {}
-    check(present == "removed", f"{path} direct_path", present, allowed="removed", hint="subtract the anechoic response first")
+    check(
+        present == "removed",
+        f"{path} direct_path",
+        present,
+        allowed="removed",
+        hint="subtract the anechoic response first",
+    )
     check(isinstance(conditions, dict), f"{path} conditions", conditions, allowed="a mapping")
     check_number(f"{path} sample_rate", content["sample_rate"], low=1000.0, high=400_000.0, unit="Hz")
-    check_number(f"{path} speed_of_sound", content["speed_of_sound"], low=100.0, high=2000.0, unit="m/s", hint="air is 343 m/s")
+    check_number(
+        f"{path} speed_of_sound", content["speed_of_sound"], low=100.0, high=2000.0, unit="m/s", hint="air is 343 m/s"
+    )
     shapes = {"microphones": (-1, 3), "loudspeaker": (3,)} | ({"walls": (-1, 2)} if content.get("walls") else {})
     return {**content, **{key: _metres(content[key], f"{path} {key}", shape) for key, shape in shapes.items()}}
 
@@ -168,7 +189,9 @@ def _metres(value: Any, name: str, shape: tuple[int, ...]) -> Array:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
         array = np.empty(0)
-    fits = array.ndim == len(shape) and all(n == wanted or n > 0 > wanted for n, wanted in zip(array.shape, shape, strict=True))
+    fits = array.ndim == len(shape) and all(
+        n == wanted or n > 0 > wanted for n, wanted in zip(array.shape, shape, strict=True)
+    )
     axes = " x ".join("many" if wanted == -1 else str(wanted) for wanted in shape)
     check(fits and bool(np.isfinite(array).all()), name, value, allowed=f"{axes} finite numbers in m")
     return array
@@ -178,7 +201,9 @@ def _read_poses(path: Path) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
     try:
         with path.open(newline="") as file:
             rows = list(csv.DictReader(file))
-        poses = tuple(Pose(np.array([float(r["x_m"]), float(r["y_m"]), float(r["z_m"])]), float(r["heading_rad"])) for r in rows)
+        poses = tuple(
+            Pose(np.array([float(r["x_m"]), float(r["y_m"]), float(r["z_m"])]), float(r["heading_rad"])) for r in rows
+        )
         files = tuple(str(row["file"] or "") for row in rows)
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
         raise BadValue(f"{path}: cannot be read ({error!r}); its columns are {','.join(HEADER)}") from None

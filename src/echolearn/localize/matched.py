@@ -46,7 +46,9 @@ class Matched:
             hint="the recording is too short, or its sample rate is not the probe's",
         )
         finite = bool(np.isfinite(self.observation.samples).all())
-        check(finite, "observation.samples", "NaN or infinity", allowed="finite samples", hint="is a microphone broken?")
+        check(
+            finite, "observation.samples", "NaN or infinity", allowed="finite samples", hint="is a microphone broken?"
+        )
         object.__setattr__(self, "first", first)
         object.__setattr__(self, "last", last)
 
