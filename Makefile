@@ -34,7 +34,7 @@ tiny: $(READY) ## the same path on small sets, for a first look
 	$(RUN) compare runs=runs/tiny name=tiny 'tested=[tiny,tiny_scattered]' 'surveys=[8x6x5_-5dB,8x6x5_10dB]' resamples=200
 
 test: $(READY) ## run the tests
-	@OMP_NUM_THREADS=1 $(BIN)/pytest
+	@OMP_NUM_THREADS=1 $(BIN)/pytest -q
 
 lint: $(READY) ## ruff and mypy
 	$(BIN)/ruff check src tests

@@ -1,0 +1,174 @@
+"""From YAML and overrides to plain containers, and from these to objects."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from echolearn.config import UsageError, build, compose, dotted, folder, suggest
+from echolearn.geometry import SearchWindow
+from echolearn.types import BadValue, Room
+
+ROOM = {"_target_": "echolearn.types.Room", "size": [5.0, 4.0, 3.0], "t60": 0.4}
+
+
+def one(command: str, *words: str) -> dict[str, Any]:
+    """Return the configuration of a command's only job."""
+    [(name, config)] = compose(command, words)
+    assert name == ""
+    return config
+
+
+# ---------------------------------------------------------------- build
+
+
+def test_a_configuration_is_a_call_written_down() -> None:
+    assert build(ROOM) == Room((5.0, 4.0, 3.0), 0.4)
+
+
+def test_calls_inside_lists_and_mappings_are_made_and_all_else_stays() -> None:
+    plain = {"a": [ROOM, 1], "b": {"c": ROOM}, "d": None}
+    assert build(plain) == {"a": [build(ROOM), 1], "b": {"c": build(ROOM)}, "d": None}
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        "os.system",
+        "builtins.eval",
+        "subprocess.run",
+        "pathlib.Path",
+        "torch.load",
+        "echolearn",
+        "echolearnx.types.Room",
+        "echolearn.store.os.system",
+        "echolearn.store.Path",
+        "echolearn.config.import_module",
+        "echolearn.types.SPEED_OF_SOUND",
+        "echolearn.types.NoSuchThing",
+        "echolearn.nowhere.Room",
+        "",
+        None,
+        3,
+    ],
+)
+def test_nothing_else_can_be_called(target: object) -> None:
+    with pytest.raises(BadValue, match="_target_"):
+        build({"_target_": target})
+
+
+def test_an_unknown_key_is_named_with_the_one_that_was_meant() -> None:
+    with pytest.raises(BadValue, match=r"^plan\.room\.t6=1: there is no such key; did you mean t60\?$"):
+        build({"room": {**ROOM, "t6": 1}}, "plan")
+
+
+def test_a_missing_key_is_named() -> None:
+    with pytest.raises(BadValue, match=r"^room\.t60: is missing"):
+        build({"_target_": "echolearn.types.Room", "size": [1, 1, 1]}, "room")
+
+
+def test_errors_of_the_called_come_through_as_they_are() -> None:
+    with pytest.raises(BadValue, match="Sabine"):
+        build({**ROOM, "t60": 0.01})
+
+
+# ---------------------------------------------------------------- compose
+
+
+def test_values_lists_and_options_are_set() -> None:
+    config = one("generate", "plan=tiny", "plan.seed=7", "plan.room.size=[4,5,6]", "localizer=snls", "workers=1")
+    assert config["plan"]["name"] == "tiny"
+    assert config["plan"]["seed"] == 7
+    assert config["plan"]["room"]["size"] == [4, 5, 6]
+    assert config["plan"]["localizer"]["_target_"] == "echolearn.localize.snls.Snls"
+    assert config["workers"] == 1
+    assert config["choice"]["plan"] == "tiny"
+
+
+def test_interpolations_follow_what_was_set() -> None:
+    config = one("generate", "plan.window.nearest=0.7", "scene.speed_of_sound=340.0")
+    assert config["window"] == config["plan"]["window"] == config["plan"]["localizer"]["window"]
+    assert build(config["window"]) == SearchWindow(0.7, 2.0, "authors")
+    assert config["plan"]["scene"]["speed_of_sound"] == 340.0
+
+
+def test_the_later_of_two_values_holds() -> None:
+    assert one("train", "seed=1", "seed=2")["seed"] == 2
+
+
+def test_a_key_that_the_file_leaves_to_its_default_can_be_set() -> None:
+    assert one("survey", "room.walls=[1,1,1,1,0,0]")["room"]["walls"] == [1, 1, 1, 1, 0, 0]
+
+
+def test_a_sweep_gives_every_combination_and_says_what_is_swept() -> None:
+    jobs = compose("train", ["classifier=svm_pair,svm_toa", "seed=0,1,2", "test_share=0.3"], many=True)
+    assert len(jobs) == 6
+    assert [name for name, _ in jobs][:2] == ["classifier=svm_pair seed=0", "classifier=svm_pair seed=1"]
+    assert [(c["choice"]["classifier"], c["seed"]) for _, c in jobs][3:] == [("svm_toa", n) for n in range(3)]
+    assert all(config["name"] == config["choice"]["classifier"] for _, config in jobs)
+    assert all(config["test_share"] == 0.3 for _, config in jobs)
+
+
+def test_jobs_of_a_sweep_share_nothing() -> None:
+    first, second = (config for _, config in compose("generate", ["plan.room.t60=0.5,0.7"], many=True))
+    assert (first["plan"]["room"]["t60"], second["plan"]["room"]["t60"]) == (0.5, 0.7)
+
+
+def test_a_pattern_sweeps_over_all_options() -> None:
+    jobs = compose("generate", ["plan=glob(offgrid*)"], many=True)
+    expected = sorted(path.stem for path in (folder() / "plan").glob("offgrid*.yaml"))
+    assert [config["choice"]["plan"] for _, config in jobs] == expected
+
+
+def test_unresolved_configurations_show_where_values_come_from() -> None:
+    [(_, config)] = compose("generate", [], resolve=False)
+    assert config["plan"]["scene"] == "${scene}"
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("plan.room.size.x=1", "there is no key plan.room.size.x"),
+        ("plann=paper", "there is no key plann; did you mean plan?"),
+        ("stepp=1", "there is no key stepp; did you mean plan.step?"),
+        ("plan=papr", "plan has no option papr; did you mean paper?"),
+        ("plan=zzz", "known are .*tiny"),
+        ("+new=1", "there is no key new"),
+        ("++new=1", "there is no key new"),
+        ("~runs", "keys are set, not deleted"),
+        ("runs=a,b", "several values need -m"),
+        ("plan=[", "no viable alternative"),
+        ("runs", "missing EQUAL"),
+        ("choice.plan=x", "there is no key choice.plan"),
+        ("hydra.run.dir=x", "hydra's own settings are fixed"),
+        ("hydra/launcher=basic", "hydra's own settings are fixed"),
+        ("runs=${nowhere}", "nowhere"),
+        ("runs=???", "Missing mandatory value"),
+    ],
+)
+def test_slips_are_refused(word: str, said: str) -> None:
+    with pytest.raises(UsageError, match=said.replace("?", r"\?").replace("$", r"\$")):
+        compose("generate", [word])
+
+
+def test_a_slip_in_the_last_job_stops_them_all() -> None:
+    with pytest.raises(UsageError, match="plan has no option papr"):
+        compose("generate", ["plan=tiny,papr"], many=True)
+
+
+# ---------------------------------------------------------------- helpers
+
+
+def test_dotted_names_reach_everything() -> None:
+    assert list(dotted({"a": {"b": [1, {"c": 2}]}, "d": 3})) == ["a", "a.b", "a.b.0", "a.b.1", "a.b.1.c", "d"]
+
+
+def test_suggestions_look_at_the_whole_name_then_at_its_last_part() -> None:
+    assert suggest("plan.stp", ["plan.step", "plan.seed"]) == "did you mean plan.step?"
+    assert suggest("stpe", ["plan.step", "runs"]) == "did you mean plan.step?"
+    assert suggest("qqq", ["plan", "plan.step", "runs"]) == "known are plan, runs"
+
+
+def test_the_folder_of_configurations_is_absolute() -> None:
+    assert folder().is_absolute()
+    assert (Path(folder()) / "train.yaml").is_file()

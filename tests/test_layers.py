@@ -1,0 +1,133 @@
+"""Who may import whom: the layers of the project, read from the sources themselves."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import echolearn
+
+SOURCE = Path(echolearn.__file__).parent
+
+ORDER = """
+    types progress config store geometry signals coverage stats recording noise localize rir features metrics mapping
+    simulate plans dataset survey judge classify task training trained figures compare cli
+""".split()
+"""A part imports only parts that stand before it; a folder is one part."""
+
+TOGETHER = {"report": "compare"}
+"""Files that make one part with another: the comparison and its page know each other."""
+
+ROBOT = {"types", "geometry", "signals", "coverage", "recording", "noise", "localize", "features", "metrics", "mapping"}
+"""Parts that run on a robot: numpy and scipy, and YAML where surveys are read."""
+
+OWNERS = {
+    "hydra": {"config"},
+    "omegaconf": {"config"},
+    "yaml": {"config", "cli", "recording"},
+    "torch": {"classify"},
+    "lightning": {"classify"},
+    "sklearn": {"classify"},
+    "onnxruntime": {"classify"},
+    "pyroomacoustics": {"rir"},
+    "numba": {"rir"},
+    "llvmlite": {"rir"},
+    "matplotlib": {"figures"},
+    "jinja2": {"compare"},
+    "rich": {"progress"},
+    "numpy": set(ORDER),
+    "scipy": set(ORDER),
+}
+"""Which parts import each library."""
+
+HEAVY = ("torch", "sklearn", "hydra", "lightning", "pyroomacoustics", "numba", "matplotlib", "onnxruntime")
+
+
+def part(path: Path) -> str:
+    """Return the part of the project that a file belongs to."""
+    name = path.relative_to(SOURCE).with_suffix("").parts[0]
+    return TOGETHER.get(name, name)
+
+
+def imports(path: Path, *, lazy: bool = True) -> Iterator[str]:
+    """Yield the dotted names that a file imports, with those inside functions if `lazy`."""
+    tree = ast.parse(path.read_text())
+    for node in ast.walk(tree) if lazy else tree.body:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            whole = f"{node.module}"
+            yield from (f"{whole}.{alias.name}" for alias in node.names) if whole == "echolearn" else (whole,)
+
+
+FILES = sorted(path for path in SOURCE.rglob("*.py") if path.name != "__init__.py" or path.parent != SOURCE)
+EDGES = {
+    (part(path), part(SOURCE / name.split(".")[1]))
+    for path in FILES
+    for name in imports(path)
+    if name.startswith("echolearn.")
+}
+LIBRARIES = {
+    (part(path), name.split(".")[0]) for path in FILES for name in imports(path) if not name.startswith("echolearn")
+}
+
+
+def test_every_part_has_its_place() -> None:
+    assert {part(path) for path in FILES} == set(ORDER)
+
+
+def test_the_package_itself_imports_nothing() -> None:
+    assert list(imports(SOURCE / "__init__.py")) == []
+
+
+def test_imports_go_downwards_only() -> None:
+    upward = {(a, b) for a, b in EDGES if a != b and ORDER.index(b) >= ORDER.index(a)}
+    assert upward == set()
+
+
+def test_what_runs_on_a_robot_imports_only_what_runs_on_a_robot() -> None:
+    assert {(a, b) for a, b in EDGES if a in ROBOT and b not in ROBOT} == set()
+    libraries = {(a, name) for a, name in LIBRARIES if a in ROBOT and name not in sys.stdlib_module_names}
+    assert {name for _, name in libraries} <= {"numpy", "scipy", "yaml"}
+
+
+def test_classifiers_know_nothing_of_rooms_and_recordings() -> None:
+    assert {b for a, b in EDGES if a == "classify"} <= {"classify", "types", "store"}
+
+
+def test_statistics_stand_alone() -> None:
+    assert {b for a, b in EDGES if a == "stats"} <= {"types"}
+
+
+def test_each_library_is_imported_by_its_owners_only() -> None:
+    foreign = {(a, name) for a, name in LIBRARIES if name not in sys.stdlib_module_names}
+    assert {(a, name) for a, name in foreign if a not in OWNERS.get(name, set())} == set()
+
+
+def test_nothing_reads_or_writes_pickles() -> None:
+    assert {name for _, name in LIBRARIES} & {"pickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"} == set()
+    for path in FILES:
+        text = path.read_text()
+        assert "allow_pickle=True" not in text, path
+        assert "weights_only=False" not in text, path
+
+
+def loaded(code: str) -> set[str]:
+    """Return which heavy libraries are loaded in a fresh process after `code`."""
+    code += f"\nimport sys; print(*(name for name in {HEAVY} if name in sys.modules))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(run.stdout.splitlines()[-1].split())
+
+
+def test_the_robots_parts_load_no_heavy_library() -> None:
+    names = [".".join(p.relative_to(SOURCE.parent).with_suffix("").parts) for p in FILES if part(p) in ROBOT]
+    assert loaded("import " + ", ".join(name.removesuffix(".__init__") for name in names)) == set()
+
+
+@pytest.mark.parametrize("name", ["training", "task", "trained", "dataset", "survey", "compare"])
+def test_what_only_looks_whether_work_is_done_loads_no_heavy_library(name: str) -> None:
+    assert loaded(f"import echolearn.{name}") == set()
