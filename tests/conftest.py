@@ -32,7 +32,7 @@ def brief() -> Scene:
 @pytest.fixture(scope="session")
 def chamber() -> Room:
     """Return a small room with a short reverberation."""
-    return Room((5.0, 4.0, 3.0), 0.25)
+    return Room((6.0, 5.0, 4.0), 0.2)
 
 
 @pytest.fixture(scope="session")

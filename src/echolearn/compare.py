@@ -92,7 +92,7 @@ def compare(
     inputs = {
         "runs": [run.identity for run in trained],
         "sets": {key: value.digest for key, value in sets.items()},
-        "surveys": {key: store.digest(store.load_manifest(value)["files"]) for key, value in walks.items()},
+        "surveys": {key: store.digest(store.verify(value)["files"]) for key, value in walks.items()},
         "localizers": plain(dict(localizers)),
         "resamples": resamples,
         "report": report.FORMAT,

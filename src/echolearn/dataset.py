@@ -172,7 +172,7 @@ def _labels(spots: tuple[Spot, ...], echoes: Any, scene: Scene) -> dict[str, Arr
         )
         on_map[row] = distance_to_outline(point, outline(spot.room))[0] <= MAP_TOLERANCE
     error = np.abs(echoes.toa[:, :1] - truth_toa) * scene.probe.sample_rate
-    return {"reflector": np.nanmin(error, axis=1) < TOLERANCE_SAMPLES, "on_map": on_map, "truth_toa": truth_toa}
+    return {"reflector": (error < TOLERANCE_SAMPLES).any(axis=1), "on_map": on_map, "truth_toa": truth_toa}
 
 
 class Dataset:

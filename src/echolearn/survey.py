@@ -10,7 +10,7 @@ from echolearn.geometry import check_inside, outline
 from echolearn.mapping import trajectory
 from echolearn.progress import track
 from echolearn.simulate import Scene, observe
-from echolearn.types import Pose, Room, check, check_number, check_whole
+from echolearn.types import BadValue, Pose, Room, check, check_number, check_whole
 
 
 def survey(
@@ -55,11 +55,14 @@ def _names(walk: list[Pose]) -> list[str]:
 
 
 def _is_finished(folder: Path, about: dict[str, object]) -> bool:
-    if not (folder / store.MANIFEST).is_file():
+    """Tell whether the survey stands there whole; one made otherwise is refused, a damaged one is made again."""
+    try:
+        manifest = store.verify(folder)
+    except BadValue:
         return False
-    manifest = store.load_manifest(folder)
     same = all(manifest.get(key) == value for key, value in about.items())
-    check(same, "name", folder.name, allowed="the name of a survey made with the same settings, or a new one", hint=f"{folder} was made with others")
+    allowed, hint = "the name of a survey made with the same settings, or a new one", f"{folder} was made with others"
+    check(same, "name", folder.name, allowed=allowed, hint=hint)
     return True
 
 

@@ -1,0 +1,230 @@
+"""The survey format: what is written is read back, and whatever is wrong with a file is said in one line."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import wavfile
+
+from echolearn import recording
+from echolearn.geometry import circular_array, outline
+from echolearn.signals import noise_probe
+from echolearn.types import BadValue, Pose, Room
+
+PROBE = noise_probe(burst=100, length=400)
+ARRAY = circular_array(microphones=3)
+ROOM = Room((5.0, 4.0, 3.0), 0.25)
+POSES = (Pose(np.array([1.0, 2.0, 1.5]), 0.1), Pose(np.array([1.1, 1 / 3, 1.5]), -3.0))
+FILES = ("observations/0.wav", "observations/1.wav")
+SAMPLES = np.random.default_rng(0).standard_normal((2, 3, 400)).astype(np.float32)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Write a small survey by hand."""
+    (tmp_path / "observations").mkdir()
+    conditions = {"snr_db": 3.0, "noise": "white"}
+    about = recording.describe(ARRAY, PROBE, speed_of_sound=340.0, walls=outline(ROOM), conditions=conditions)
+    (tmp_path / "survey.yaml").write_bytes(about)
+    (tmp_path / "probe.wav").write_bytes(recording.wav_bytes(np.pad(PROBE.samples, (0, 300)), 22050.0))
+    (tmp_path / "poses.csv").write_bytes(recording.poses_csv(POSES, FILES))
+    for name, samples in zip(FILES, SAMPLES, strict=True):
+        (tmp_path / name).write_bytes(recording.wav_bytes(samples, 22050.0))
+    return tmp_path
+
+
+def edit(folder: Path, **changes: Any) -> None:
+    """Change keys of `survey.yaml`."""
+    path = folder / "survey.yaml"
+    path.write_text(yaml.safe_dump({**yaml.safe_load(path.read_text()), **changes}))
+
+
+def refusal(folder: Path) -> str:
+    """Return the one line with which the survey is refused."""
+    with pytest.raises(BadValue) as refused:
+        recording.read(folder).observe([0, 1])
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+# ---------------------------------------------------------------- round trips
+
+
+def test_what_is_written_is_read_back(folder: Path) -> None:
+    survey = recording.read(folder)
+    assert np.array_equal(survey.probe.samples, PROBE.samples)
+    assert (survey.probe.sample_rate, survey.probe.length) == (22050.0, 400)
+    assert np.array_equal(survey.array.positions, ARRAY.positions)
+    assert survey.speed_of_sound == 340.0
+    assert survey.files == FILES
+    assert [(*pose.position, pose.heading) for pose in survey.poses] == [(*p.position, p.heading) for p in POSES]
+    assert np.array_equal(survey.walls, outline(ROOM))
+    assert survey.conditions == {"snr_db": 3.0, "noise": "white"}
+    observation = survey.observe([1, 0])
+    assert observation.samples.dtype == np.float64
+    assert np.array_equal(observation.samples, SAMPLES[[1, 0]])
+    assert observation.speed_of_sound == 340.0
+
+
+def test_walls_and_conditions_may_be_left_out(folder: Path) -> None:
+    edit(folder, walls=None, conditions=None)
+    survey = recording.read(folder)
+    assert survey.walls is None
+    assert survey.conditions == {}
+
+
+def test_a_loudspeaker_elsewhere_moves_the_microphones(folder: Path) -> None:
+    """An array is told relative to its loudspeaker."""
+    edit(folder, loudspeaker=[0.1, -0.2, 0.3])
+    assert np.allclose(recording.read(folder).array.positions, ARRAY.positions - [0.1, -0.2, 0.3])
+
+
+@pytest.mark.parametrize(("kind", "step"), [("uint8", 2**-7), ("int16", 2**-15), ("int32", 2**-31)])
+def test_pcm_is_scaled_to_one(tmp_path: Path, kind: str, step: float) -> None:
+    limits = np.iinfo(kind)
+    middle = 128 if kind == "uint8" else 0
+    wavfile.write(tmp_path / "pcm.wav", 8000, np.array([limits.min, middle, limits.max], dtype=kind))
+    assert recording.read_wav(tmp_path / "pcm.wav", 8000.0)[0] == pytest.approx([-1.0, 0.0, 1.0 - step], abs=1e-12)
+
+
+@given(st.integers(1, 4), st.integers(1, 50), st.integers(0, 2**32))
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_float_recordings_survive_bit_by_bit(tmp_path: Path, channels: int, length: int, seed: int) -> None:
+    samples = np.random.default_rng(seed).standard_normal((channels, length)).astype(np.float32)
+    (tmp_path / "any.wav").write_bytes(recording.wav_bytes(samples, 22050.0))
+    assert np.array_equal(recording.read_wav(tmp_path / "any.wav", 22050.0), samples)
+
+
+# ---------------------------------------------------------------- recordings
+
+
+def test_a_recording_with_a_channel_too_few_is_refused(folder: Path) -> None:
+    (folder / FILES[1]).write_bytes(recording.wav_bytes(SAMPLES[0, :2], 22050.0))
+    assert refusal(folder).endswith("observations/1.wav=(2, 400): 3 channels of 400 samples")
+
+
+def test_a_recording_of_another_length_is_refused(folder: Path) -> None:
+    (folder / FILES[0]).write_bytes(recording.wav_bytes(SAMPLES[0, :, :399], 22050.0))
+    assert refusal(folder).endswith("observations/0.wav=(3, 399): 3 channels of 400 samples")
+
+
+def test_a_recording_at_another_rate_is_refused(folder: Path) -> None:
+    (folder / FILES[0]).write_bytes(recording.wav_bytes(SAMPLES[0], 44100.0))
+    assert refusal(folder).endswith("0.wav sample_rate=44100 Hz: 22050 Hz; resample the recording")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("name", ["observations/1.wav", "probe.wav"])
+def test_a_recording_that_is_not_numbers_is_refused(folder: Path, name: str, value: float) -> None:
+    broken = SAMPLES[1].copy() if name != "probe.wav" else np.pad(PROBE.samples, (0, 300))
+    broken[..., 7] = value
+    (folder / name).write_bytes(recording.wav_bytes(broken, 22050.0))
+    assert refusal(folder).endswith(f"{name}=NaN or infinity: finite samples")
+
+
+@pytest.mark.parametrize("name", ["survey.yaml", "probe.wav", "poses.csv", "observations/0.wav"])
+def test_a_missing_file_is_named(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    assert refusal(folder).startswith(f"{folder / name}: cannot be read")
+
+
+def test_silence_is_no_probe(folder: Path) -> None:
+    (folder / "probe.wav").write_bytes(recording.wav_bytes(np.zeros(400), 22050.0))
+    assert refusal(folder).endswith("probe.wav=silence: the burst that was emitted")
+
+
+@given(st.lists(st.tuples(st.integers(0, 80), st.integers(0, 255)), min_size=1, max_size=4), st.integers(0, 4000))
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_damaged_header_is_an_error_or_a_recording(folder: Path, bytes_: list[tuple[int, int]], cut: int) -> None:
+    """Whatever stands in the first bytes, and wherever the file ends, there is no traceback of a parser."""
+    content = bytearray(recording.wav_bytes(SAMPLES[0], 22050.0))
+    for place, value in bytes_:
+        content[place] = value
+    (folder / FILES[0]).write_bytes(bytes(content[: len(content) - cut if cut % 2 else None]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", wavfile.WavFileWarning)
+        try:
+            assert recording.read(folder).observe([0]).samples.shape == (1, 3, 400)
+        except BadValue as refused:
+            assert "\n" not in str(refused)
+
+
+# ---------------------------------------------------------------- survey.yaml
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sample_rate": "fast"}, "sample_rate=fast Hz: a number from 1000 to 400000 Hz"),
+        ({"sample_rate": None}, "sample_rate=None Hz"),
+        ({"sample_rate": 22.05}, "sample_rate=22.05 Hz"),
+        ({"speed_of_sound": 0.343}, "speed_of_sound=0.343 m/s: a number from 100 to 2000 m/s; air is 343 m/s"),
+        ({"speed_of_sound": "quick"}, "speed_of_sound=quick m/s"),
+        ({"microphones": "six"}, "microphones=six: many x 3 finite numbers in m"),
+        ({"microphones": None}, "microphones=None"),
+        ({"microphones": []}, "microphones=[]"),
+        ({"microphones": [[0.1, 0.2], [0.3]]}, "microphones=[[0.1, 0.2], [0.3]]"),
+        ({"microphones": [[0.1, 0.2, float("nan")]]}, "microphones=[[0.1, 0.2, nan]]"),
+        ({"loudspeaker": [0.0, 0.0]}, "loudspeaker=[0.0, 0.0]: 3 finite numbers in m"),
+        ({"walls": [[0, 0, 0], [1, 0, 0]]}, "walls=[[0, 0, 0], [1, 0, 0]]: many x 2"),
+        ({"walls": "brick"}, "walls=brick"),
+        ({"conditions": "windy"}, "conditions=windy: a mapping"),
+        ({"direct_path": "present"}, "direct_path=present: removed; subtract the anechoic response first"),
+        ({"direct_path": "perhaps"}, "direct_path=perhaps"),
+    ],
+)
+def test_bad_keys_are_refused(folder: Path, change: dict[str, Any], message: str) -> None:
+    edit(folder, **change)
+    assert refusal(folder).startswith(f"{folder}/survey.yaml {message}")
+
+
+@pytest.mark.parametrize("key", ["sample_rate", "speed_of_sound", "microphones", "loudspeaker", "direct_path"])
+def test_a_missing_key_is_named(folder: Path, key: str) -> None:
+    content = yaml.safe_load((folder / "survey.yaml").read_text())
+    del content[key]
+    (folder / "survey.yaml").write_text(yaml.safe_dump(content))
+    assert refusal(folder).startswith(f"{folder}/survey.yaml=without {key}: a mapping with sample_rate")
+
+
+@pytest.mark.parametrize(
+    "text", ["", "5", "words", "[]", "{}", "- sample_rate", "a: [", "\x00", "!!python/name:os.system"]
+)
+def test_text_that_is_no_survey_is_refused(folder: Path, text: str) -> None:
+    (folder / "survey.yaml").write_text(text)
+    assert refusal(folder).startswith(f"{folder}/survey.yaml")
+
+
+# ---------------------------------------------------------------- poses.csv
+
+HEAD = "index,x_m,y_m,z_m,heading_rad,file\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no rows"),
+        (HEAD, "no rows"),
+        ("index,x_m\n0,1\n", "KeyError('y_m')"),
+        (HEAD + "0,here,1,1,0,observations/0.wav\n", "could not convert"),
+        (HEAD + "0,1,1\n", "cannot be read"),
+        (HEAD + "0,1,1,1,0\n", "a row without file"),
+        (HEAD + "0,nan,1,1,0,observations/0.wav\n", "NaN or infinity"),
+        (HEAD + "0,1,1,1,inf,observations/0.wav\n", "NaN or infinity"),
+        ("\x00\x01" + HEAD, "/poses.csv"),
+    ],
+)
+def test_bad_poses_are_refused(folder: Path, text: str, message: str) -> None:
+    (folder / "poses.csv").write_text(text)
+    line = refusal(folder)
+    assert line.startswith(f"{folder}/poses.csv")
+    assert message in line
+
+
+def test_headings_and_positions_are_written_to_the_last_digit() -> None:
+    line = recording.poses_csv([Pose(np.array([1 / 3, 0.1 + 0.2, 1e-9]), np.pi)], ["a.wav"]).decode().splitlines()[1]
+    assert line == "0,0.3333333333333333,0.30000000000000004,1e-09,3.141592653589793,a.wav"

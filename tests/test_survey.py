@@ -1,0 +1,152 @@
+"""Simulated walks: the recordings are those of the poses, the folder is whole, always the same, and nobody else's."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from echolearn import recording, store
+from echolearn.geometry import outline
+from echolearn.mapping import trajectory
+from echolearn.simulate import Scene, observe
+from echolearn.survey import survey
+from echolearn.types import BadValue, Room
+
+ROOM = Room((5.0, 4.5, 3.0), 0.2)
+Walk = Callable[..., Path]
+
+
+@pytest.fixture(scope="module")
+def walk(brief: Scene) -> Walk:
+    """Return a function that surveys a small room at four poses."""
+
+    def walked(runs: Path, **changes: object) -> Path:
+        return survey(
+            **{"name": "few", "room": ROOM, "scene": brief, "snr_db": 5.0, "poses": 4, "runs": runs, **changes}
+        )
+
+    return walked
+
+
+@pytest.fixture(scope="module")
+def finished(walk: Walk, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder below which the survey lies; not to be changed."""
+    return walk(tmp_path_factory.mktemp("survey"))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return every file's bytes by name."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def copied(folder: Path, runs: Path) -> Path:
+    """Copy a survey below another folder."""
+    copy = runs / "survey" / folder.name
+    for name, content in contents(folder).items():
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
+        (copy / name).write_bytes(content)
+    return copy
+
+
+def test_a_survey_reads_back_as_it_was_walked(finished: Path, brief: Scene) -> None:
+    read, poses = recording.read(finished), trajectory(ROOM, poses=4, start=0.6)
+    assert finished.name == "few"
+    assert np.array_equal(read.probe.samples, brief.probe.samples)
+    assert read.probe.length == brief.probe.length
+    assert np.array_equal(read.array.positions, brief.array.positions)
+    assert np.array_equal(read.walls, outline(ROOM))
+    assert read.conditions["snr_db"] == 5.0
+    assert read.conditions["noise"] == "white"
+    for found, pose in zip(read.poses, poses, strict=True):
+        assert (*found.position, found.heading) == (*pose.position, pose.heading)
+
+
+def test_every_recording_is_that_of_its_pose(finished: Path, brief: Scene) -> None:
+    """Pose p draws its noise from `SeedSequence(seed, spawn_key=(p,))`, whatever the other poses did."""
+    read = recording.read(finished)
+    heard = read.observe([0, 3])
+    for row, index in enumerate((0, 3)):
+        rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(index,)))
+        expected, _ = observe(ROOM, read.poses[index], brief, snr_db=5.0, rng=rng)
+        assert np.array_equal(heard.samples[row], expected.samples.astype(np.float32))
+
+
+def test_the_folder_is_whole(finished: Path) -> None:
+    manifest = store.verify(finished)
+    files = {name for name in contents(finished) if name != store.MANIFEST}
+    assert manifest["kind"] == "survey"
+    assert set(manifest["files"]) == files
+    assert {f"observations/{index:04d}.wav" for index in range(4)} < files
+
+
+def test_walking_again_gives_the_same_bytes(finished: Path, walk: Walk, tmp_path: Path) -> None:
+    assert contents(walk(tmp_path)) == contents(finished)
+
+
+def test_a_finished_survey_is_left_alone(finished: Path, walk: Walk, tmp_path: Path) -> None:
+    folder = copied(finished, tmp_path)
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    assert walk(tmp_path) == folder
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+
+
+@pytest.mark.parametrize("name", ["observations/0002.wav", "poses.csv", "manifest.json"])
+def test_a_damaged_survey_is_named_and_made_again(finished: Path, walk: Walk, tmp_path: Path, name: str) -> None:
+    folder = copied(finished, tmp_path)
+    content = bytearray((folder / name).read_bytes())
+    content[len(content) // 2] ^= 1
+    (folder / name).write_bytes(bytes(content))
+    with pytest.raises(BadValue, match=f"{name}: damaged"):
+        store.verify(folder)
+    walk(tmp_path)
+    assert contents(folder) == contents(finished)
+
+
+def test_an_unfinished_survey_is_finished(finished: Path, walk: Walk, tmp_path: Path) -> None:
+    folder = copied(finished, tmp_path)
+    for name in ("manifest.json", "survey.yaml", "observations/0003.wav"):
+        (folder / name).unlink()
+    (folder / "observations/0001.wav").write_bytes(b"half")
+    walk(tmp_path)
+    assert contents(folder) == contents(finished)
+
+
+def test_other_settings_under_the_same_name_are_refused(
+    finished: Path, walk: Walk, brief: Scene, tmp_path: Path
+) -> None:
+    folder = copied(finished, tmp_path)
+    changes = (
+        {"snr_db": 6.0},
+        {"poses": 5},
+        {"start": 0.7},
+        {"seed": 1},
+        {"room": replace(ROOM, t60=0.21)},
+        {"scene": replace(brief, speed_of_sound=340.0)},
+    )
+    for change in changes:
+        with pytest.raises(BadValue, match=r"^name=few: .* was made with others$") as refused:
+            walk(tmp_path, **change)
+        assert "\n" not in str(refused.value)
+    assert contents(folder) == contents(finished)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"snr_db": "loud"}, "snr_db=loud dB"),
+        ({"snr_db": float("nan")}, "snr_db=nan dB"),
+        ({"seed": -1}, "seed=-1"),
+        ({"poses": 0}, "trajectory.poses=0"),
+        ({"room": Room((2.0, 2.0, 3.0), 0.2)}, ""),
+    ],
+)
+def test_bad_walks_are_refused_before_anything_is_written(
+    walk: Walk, tmp_path: Path, change: dict[str, object], message: str
+) -> None:
+    with pytest.raises(BadValue) as refused:
+        walk(tmp_path, **change)
+    assert str(refused.value).startswith(message)
+    assert "\n" not in str(refused.value)
+    assert not list(tmp_path.iterdir())
