@@ -20,7 +20,7 @@ SMALL = (
 """Six rows in three shards."""
 
 LEARN = (
-    "plan=tiny_scattered plan.rows=48 plan.t60=[0.25,0.25] plan.size_high=[6,6,3] scene.probe.length=6000 "
+    "plan=tiny_scattered plan.rows=60 plan.t60=[0.25,0.25] plan.size_high=[6,6,3] scene.probe.length=6000 "
     "localizer.azimuths=36 workers=1"
 ).split()
 
