@@ -1,6 +1,6 @@
 """What is to be learned from which rows of a labelled set.
 
-    positions --> 80 % | 20 % test;   the 80 % --> 80 % training | 20 % validation        (1 989 rows: 1 273 | 318 | 398)
+    positions --> 80 % | 20 % test;   the 80 % --> 80 % training | 20 % validation   (1 989 rows: 1 273 | 318 | 398)
 
 Rows of one position never part. `split="row"` lets them, and shows what that leak is worth.
 """
@@ -98,6 +98,6 @@ class Task:
         parts, y = Parts(rest[first], rest[second], test), self.labels()
         for part, rows in parts._asdict().items():
             count = int(y[rows].sum())
-            both = 0 < count < len(rows)
-            check(both, f"{part} rows", f"{count} of {len(rows)} {self.target}", allowed="both classes", hint="use a larger set")
+            shown = f"{count} of {len(rows)} {self.target}"
+            check(0 < count < len(rows), f"{part} rows", shown, allowed="both classes", hint="use a larger set")
         return parts

@@ -161,8 +161,9 @@ def log(
     """Write the run's TensorBoard events."""
     from echolearn.classify.board import write_board
 
-    parts = {"val": result["validation"], "test": result["test"]}
-    scalars = {f"{part}/{key}": value for part, values in parts.items() for key, value in values.items() if value is not None}
+    figures = {f"val/{key}": value for key, value in result["validation"].items()}
+    figures |= {f"test/{key}": value for key, value in result["test"].items()}
+    scalars = {tag: value for tag, value in figures.items() if value is not None}
     parameters = {"classifier": identity["name"], "argument": identity["classifier"], **identity["task"]}
     write_board(folder, parameters=parameters, scalars=scalars, reference=reference, confidence=confidence)
 

@@ -33,7 +33,13 @@ def check_inputs(inputs: Sequence[str], *, views: Sequence[str] = (FEATURES,)) -
     names, shown = tuple(inputs), list(inputs)
     check(len(set(names)) == len(names), "classifier.inputs", shown, allowed="each name once")
     told = [name for name in names if name in TRUTH]
-    check(not told, "classifier.inputs", shown, allowed="what a robot can measure", hint=f"{told} is known to simulations only")
+    check(
+        not told,
+        "classifier.inputs",
+        shown,
+        allowed="what a robot can measure",
+        hint=f"{told} is known to simulations only",
+    )
     tensors = [name for name in names if view_of([name]) == COVARIANCE]
     check(not tensors or len(names) == 1, "classifier.inputs", shown, allowed="columns, or one tensor alone")
     check(view_of(names) in views, "classifier.inputs", shown, allowed=f"{' or '.join(views)} for this classifier")
@@ -69,5 +75,7 @@ def check_labels(y: Array, rows: int) -> Array:
     y = np.asarray(y).astype(bool)
     check(y.shape == (rows,), "y.shape", y.shape, allowed=f"({rows},), one label per row of x")
     count = int(y.sum())
-    check(0 < count < rows, "reflectors", f"{count} of {rows} training rows", allowed="both classes", hint="use more rows")
+    check(
+        0 < count < rows, "reflectors", f"{count} of {rows} training rows", allowed="both classes", hint="use more rows"
+    )
     return y

@@ -66,7 +66,9 @@ class Network:
         recipe = callable(self.net) and not isinstance(self.net, nn.Module)
         check(recipe, "classifier.net", self.net, allowed="a recipe from echolearn.classify.nets")
         with seeded(0):
-            self.net((16, 36) if self.view == COVARIANCE else (len(self.inputs),))  # fails now rather than after an hour
+            self.net(
+                (16, 36) if self.view == COVARIANCE else (len(self.inputs),)
+            )  # fails now rather than after an hour
 
     @property
     def view(self) -> str:
@@ -83,7 +85,9 @@ class Network:
         held, truth = as_input(validation[0], self.inputs), np.asarray(validation[1])
         with seeded(seed), quiet():
             training = Training(self.net(x.shape[1:]), lr=self.lr, weight_decay=self.weight_decay, noise=self.noise)
-            best = ModelCheckpoint(folder, "best", monitor="val/loss", save_weights_only=True, enable_version_counter=False)
+            best = ModelCheckpoint(
+                folder, "best", monitor="val/loss", save_weights_only=True, enable_version_counter=False
+            )
             trainer = self.trainer(folder, [EarlyStopping("val/loss", patience=self.patience), best])
             batches = Batches(tensors(standardise, x, y), size=self.batch_size, seed=seed)
             trainer.fit(training, batches, Batches(tensors(standardise, held, truth), size=4096))

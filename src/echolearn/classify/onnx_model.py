@@ -58,12 +58,14 @@ def export(fitted: Calibrated, x: Array) -> tuple[bytes, float]:
     probes = np.concatenate([x, extremes(x)])
     parity = float(np.abs(open_onnx(data)(probes) - fitted.confidence(probes)).max())
     if not parity <= PARITY:
-        raise RuntimeError(f"onnx: exported confidences differ by {parity:g} from the classifier's, more than {PARITY:g}")
+        raise RuntimeError(
+            f"onnx: exported confidences differ by {parity:g} from the classifier's, more than {PARITY:g}"
+        )
     return data, parity
 
 
 def extremes(x: Array) -> Array:
-    """Return inputs no recording would give: rows of `x` scaled and turned by many orders, zeros, the largest floats."""
+    """Return what no recording would give: rows of `x` scaled and turned by many orders, zeros, the largest floats."""
     rng = np.random.default_rng(0)
     some = x[rng.integers(len(x), size=64)]
     scale = rng.choice([-1.0, 1.0], some.shape) * 10.0 ** rng.uniform(-6, 6, some.shape)

@@ -32,7 +32,12 @@ class Standardise(torch.nn.Module):
         low, high = np.quantile(some, [TAIL, 1.0 - TAIL], axis=0)
         clipped = np.clip(some, low, high)
         deviation = clipped.std(axis=0)
-        values = {"low": low, "high": high, "mean": clipped.mean(axis=0), "scale": np.where(deviation > 0, deviation, 1.0)}
+        values = {
+            "low": low,
+            "high": high,
+            "mean": clipped.mean(axis=0),
+            "scale": np.where(deviation > 0, deviation, 1.0),
+        }
         for name, value in values.items():
             self.register_buffer(name, torch.tensor(value, dtype=torch.float64))
 

@@ -86,7 +86,9 @@ class Trees:
 
     def scorer(self) -> torch.nn.Module:
         """Return the trees as a torch module."""
-        return Forest([round_[0].nodes for round_ in self.model._predictors], float(self.model._baseline_prediction[0, 0]))
+        return Forest(
+            [round_[0].nodes for round_ in self.model._predictors], float(self.model._baseline_prediction[0, 0])
+        )
 
 
 class Forest(torch.nn.Module):
@@ -99,7 +101,9 @@ class Forest(torch.nn.Module):
         nodes = np.concatenate(trees)
         leaf, here = nodes["is_leaf"].astype(bool), np.arange(len(nodes))
         first = np.repeat(starts[:-1], np.diff(starts))
-        children = np.where(leaf[:, None], here[:, None], first[:, None] + np.stack([nodes["left"], nodes["right"]], axis=1))
+        children = np.where(
+            leaf[:, None], here[:, None], first[:, None] + np.stack([nodes["left"], nodes["right"]], axis=1)
+        )
         self.register_buffer("root", torch.tensor(starts[None, :-1]))
         self.register_buffer("child", torch.tensor(children.reshape(-1, 1)))
         self.register_buffer("feature", torch.tensor(np.where(leaf, 0, nodes["feature_idx"])[:, None]))

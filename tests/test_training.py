@@ -1,0 +1,255 @@
+"""Training runs: division of rows, run folders, identity, resuming, and the files a run leaves."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from echolearn import config, metrics, store, training
+from echolearn.dataset import Dataset
+from echolearn.task import Task
+from echolearn.types import Array, BadValue
+
+THRESHOLD = {"_target_": "echolearn.classify.threshold.Threshold", "inputs": ["score"]}
+SVM = {
+    "_target_": "echolearn.classify.svm.Svm",
+    "inputs": ["score", "power"],
+    "c_grid": [1.0],
+    "gamma_grid": [0.1, 1.0],
+}
+NETWORK = {
+    "_target_": "echolearn.classify.network.Network",
+    "inputs": ["covariance_gated"],
+    "net": {"_target_": "echolearn.classify.nets.CovarianceNet", "channels": 4, "layers": 1, "kernel": 3},
+    "epochs": 8,
+    "batch_size": 16,
+    "lr": 0.02,
+}
+
+
+def make_set(folder: Path, *, positions: int, each: int = 1, plan: str = "toy") -> Dataset:
+    """Write a finished set whose score tells the label and whose toa tells the position, and open it."""
+    rng = np.random.default_rng(0)
+    rows = positions * each
+    y = rng.random(rows) < 0.5
+    columns = {
+        "group": np.repeat(np.arange(positions), each),
+        "reflector": y,
+        "on_map": y & (rng.random(rows) < 0.8),
+        "score": 0.1 * rng.normal(size=rows) + 0.2 * y,
+        "power": 5 * rng.normal(size=rows) - 40,
+        "snr_db": rng.uniform(-40, 40, rows),
+        "covariance_gated": (rng.normal(size=(rows, 4, 9)) + 0.8 * y[:, None, None]).astype(np.float32),
+    }
+    table = np.empty(rows, dtype=[(name, value.dtype, value.shape[1:]) for name, value in columns.items()])
+    for name, value in columns.items():
+        table[name] = value
+    store.write_shard(folder, 0, table)
+    about = {"kind": "set", "rows": rows, "plan": {"name": plan}, "command": f"echolearn generate plan={plan}"}
+    store.finish(folder, about, [store.shard_name(0)])
+    return Dataset(folder)
+
+
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return make_set(tmp_path_factory.mktemp("toy"), positions=150, each=2)
+
+
+def train(task: Task, keys: dict[str, Any], runs: Path, *, name: str = "some", folds: int = 0) -> dict[str, Any]:
+    return training.train(task, name=name, classifier=lambda: config.build(keys), config=keys, runs=runs, folds=folds)
+
+
+def never() -> Any:
+    raise AssertionError("a finished run was redone")
+
+
+class TestDivision:
+    def test_the_papers_numbers(self, tmp_path: Path) -> None:
+        task = Task(make_set(tmp_path, positions=1989))
+        assert [len(rows) for rows in task.parts()] == [1273, 318, 398]
+
+    @pytest.mark.parametrize(("split", "shared"), [("position", False), ("row", True)])
+    def test_only_the_leaky_split_parts_positions(self, tmp_path: Path, split: str, shared: bool) -> None:
+        task = Task(make_set(tmp_path, positions=221, each=9), split=split)
+        parts, group = task.parts(), task.dataset["group"]
+        assert np.array_equal(np.sort(np.concatenate(parts)), np.arange(1989))
+        assert bool(set(group[parts.train]) & set(group[parts.test])) is shared
+        assert bool(set(group[parts.train]) & set(group[parts.validation])) is shared
+
+    def test_folds_cover_all_but_the_test_part_once(self, toy: Dataset) -> None:
+        task = Task(toy, seed=4)
+        folds, group, (train_rows, validation, test) = list(task.folds(5)), toy["group"], task.parts()
+        tested = np.sort(np.concatenate([fold.test for fold in folds]))
+        assert np.array_equal(tested, np.sort(np.concatenate([train_rows, validation])))
+        assert not set(tested) & set(test)
+        for fold in folds:
+            sides = [set(group[rows]) for rows in fold]
+            assert not sides[0] & sides[1] and not sides[1] & sides[2] and not sides[0] & sides[2]
+
+    def test_seeds_divide_differently_and_repeatably(self, toy: Dataset) -> None:
+        tests = [Task(toy, seed=seed).parts().test for seed in (0, 0, 1)]
+        assert np.array_equal(tests[0], tests[1]) and not np.array_equal(tests[0], tests[2])
+
+
+@pytest.fixture(scope="module", params=[THRESHOLD, NETWORK], ids=["threshold", "network"])
+def done(request: pytest.FixtureRequest, toy: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    runs = tmp_path_factory.mktemp("runs")
+    task = Task(toy, seed=2)
+    return task, request.param, runs, train(task, request.param, runs, name="some")
+
+
+class TestRun:
+    def test_folder_is_named_after_what_it_is(self, done: Any) -> None:
+        _, keys, runs, result = done
+        folder = runs / "train" / result["run"]
+        assert result["run"].startswith("some-toy-s2-")
+        saved = json.loads((folder / "config.json").read_text())
+        assert saved["classifier"] == keys and result["run"].endswith(store.digest(saved))
+        assert json.loads((folder / "metrics.json").read_text()) == result
+
+    def test_file_scores_the_test_rows_as_reported(self, done: Any) -> None:
+        task, _, runs, result = done
+        test = task.parts().test
+        confidence = training.load_scorer(runs / "train" / result["run"])(task.inputs(result["inputs"])[test])
+        values = metrics.evaluate_labels(task.labels()[test], confidence, threshold=result["threshold"])
+        assert float(values["auc"]) == pytest.approx(result["test"]["auc"], abs=1e-3)
+        assert float(values["balanced_accuracy"]) == pytest.approx(result["test"]["balanced_accuracy"], abs=0.02)
+        assert result["test"]["auc"] > 0.85 and result["rows"]["test"] == 60 and result["model"]["parity"] <= 1e-5
+
+    def test_finished_runs_are_skipped(self, done: Any) -> None:
+        task, keys, runs, result = done
+        assert training.train(task, name="some", classifier=never, config=keys, runs=runs) == result
+
+    def test_any_change_is_another_run(self, done: Any, toy: Dataset) -> None:
+        task, keys, runs, _ = done
+        with pytest.raises(AssertionError, match="redone"):
+            training.train(task, name="some", classifier=never, config=keys | {"inputs": ["power"]}, runs=runs)
+        for other in (Task(toy, seed=3), Task(toy, seed=2, target="on_map"), Task(toy, seed=2, split="row")):
+            with pytest.raises(AssertionError, match="redone"):
+                training.train(other, name="some", classifier=never, config=keys, runs=runs)
+
+    def test_the_dashboard_compares_all(self, done: Any) -> None:
+        _, _, runs, result = done
+        events = EventAccumulator(str(runs / "train" / result["run"]))
+        events.Reload()
+        figures = {f"{part}/{name}" for part in ("val", "test") for name in ("auc", "balanced_accuracy", "f1")}
+        assert figures <= set(events.Tags()["scalars"]) and "hp_metric" not in events.Tags()["scalars"]
+        assert events.Scalars("test/auc")[-1].value == pytest.approx(result["test"]["auc"], rel=1e-6)
+        assert "test/pr" in events.Tags()["tensors"]
+        sessions = [tag for tag in events.summary_metadata if tag.startswith("_hparams_/session_start_info")]
+        assert len(sessions) == 1
+
+
+class TestTrust:
+    def test_a_damaged_model_is_refused_and_mended(self, toy: Dataset, tmp_path: Path) -> None:
+        result = train(Task(toy), THRESHOLD, tmp_path)
+        folder = tmp_path / "train" / result["run"]
+        model = folder / "model.onnx"
+        data = bytearray(model.read_bytes())
+        data[len(data) // 2] ^= 1
+        model.write_bytes(data)
+        advice = "run again: echolearn train classifier=some plan=toy seed=0"
+        with pytest.raises(BadValue, match=rf"model\.onnx: damaged.*{advice}"):
+            training.load_scorer(folder)
+        assert train(Task(toy), THRESHOLD, tmp_path) == result
+        assert training.load_scorer(folder)(np.zeros((2, 1))).shape == (2,)
+
+    def test_a_renamed_run_is_not_taken_for_another(self, toy: Dataset, tmp_path: Path) -> None:
+        first, second = (train(Task(toy, seed=seed), THRESHOLD, tmp_path)["run"] for seed in (0, 1))
+        (tmp_path / "train" / second).rename(tmp_path / "old")
+        (tmp_path / "train" / first).rename(tmp_path / "train" / second)
+        with pytest.raises(BadValue, match="another run"):
+            train(Task(toy, seed=1), THRESHOLD, tmp_path)
+
+    def test_an_unfinished_run_cannot_be_loaded(self, tmp_path: Path) -> None:
+        with pytest.raises(BadValue, match="metrics.json"):
+            training.load_scorer(tmp_path)
+
+    @pytest.mark.parametrize(("keys", "seen"), [(SVM, "config.json"), (NETWORK, "best.ckpt")], ids=["svm", "network"])
+    def test_killed_and_run_again_gives_equal_metrics(
+        self, toy: Dataset, tmp_path: Path, keys: dict[str, Any], seen: str
+    ) -> None:
+        expected = train(Task(toy), keys, tmp_path / "calm")["run"]
+        folder = tmp_path / "killed" / "train" / expected
+        kill_when((folder / seen).is_file, lambda: train(Task(toy), keys, tmp_path / "killed"))
+        assert not (folder / "metrics.json").exists()
+        (folder / "events.out.tfevents.torn").write_bytes(b"torn")
+        train(Task(toy), keys, tmp_path / "killed")
+        calm = tmp_path / "calm" / "train" / expected
+        for name in ("metrics.json", "config.json", "model.onnx"):
+            assert (folder / name).read_bytes() == (calm / name).read_bytes()
+        assert not (folder / "events.out.tfevents.torn").exists()
+
+
+def kill_when(ready: Callable[[], bool], work: Callable[[], object]) -> None:
+    """Do `work` in a forked process and kill it with SIGKILL as soon as `ready`."""
+    child = os.fork()
+    if child == 0:
+        work()
+        os._exit(0)
+    deadline = time.monotonic() + 30
+    while not ready() and time.monotonic() < deadline:
+        time.sleep(0.001)
+    os.kill(child, signal.SIGKILL)
+    assert os.waitpid(child, 0)[1] == signal.SIGKILL
+
+
+def test_cross_validation_and_grid_search_are_recorded(toy: Dataset, tmp_path: Path) -> None:
+    result = train(Task(toy), SVM, tmp_path, folds=3)
+    assert result["cross_validation"]["auc"]["mean"] == pytest.approx(0.92, abs=0.06)
+    assert 0 < result["cross_validation"]["auc"]["sd"] < 0.1
+    assert result["grid_search"]["gamma"] in SVM["gamma_grid"]
+
+
+BAD: dict[str, Callable[[Dataset, Path], object]] = {
+    "column=no_such": lambda toy, runs: train(Task(toy), THRESHOLD | {"inputs": ["no_such"]}, runs),
+    "known to simulations only": lambda toy, runs: train(Task(toy), THRESHOLD | {"inputs": ["snr_db"]}, runs),
+    "column=covariance_steered": lambda toy, runs: train(Task(toy), NETWORK | {"inputs": ["covariance_steered"]}, runs),
+    "classifier.lr=abc": lambda toy, runs: train(Task(toy), NETWORK | {"lr": "abc"}, runs),
+    "target=wall": lambda toy, runs: Task(toy, target="wall"),
+    "split=time": lambda toy, runs: Task(toy, split="time"),
+    "test_share=1": lambda toy, runs: Task(toy, test_share=1.0),
+    "seed=-1": lambda toy, runs: Task(toy, seed=-1),
+    "folds=1": lambda toy, runs: train(Task(toy), THRESHOLD, runs, folds=1),
+    "use a larger set": lambda toy, runs: train(Task(toy, split="row", test_share=0.01, seed=0), THRESHOLD, runs),
+}
+
+
+@pytest.mark.parametrize("part", BAD)
+def test_bad_values_are_named_and_leave_nothing(part: str, toy: Dataset, tmp_path: Path) -> None:
+    with pytest.raises(BadValue) as caught:
+        BAD[part](toy, tmp_path)
+    assert part in str(caught.value) and "\n" not in str(caught.value)
+    assert not list(tmp_path.rglob("*"))
+
+
+def test_finding_finished_runs_loads_no_learning_library(toy: Dataset, tmp_path: Path) -> None:
+    result = train(Task(toy), THRESHOLD, tmp_path)
+    code = f"""
+import sys
+from pathlib import Path
+from echolearn import training
+from echolearn.dataset import Dataset
+from echolearn.task import Task
+result = training.train(Task(Dataset(Path({str(toy.folder)!r}))), name="some", classifier=None, config={THRESHOLD!r},
+                        runs=Path({str(tmp_path)!r}))
+print(result["run"], *sorted({{"torch", "sklearn", "lightning", "onnxruntime"}} & set(sys.modules)))
+"""
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.split() == [result["run"]]
+
+
+def test_inputs_are_float32_of_the_columns(toy: Dataset) -> None:
+    task = Task(toy)
+    expected: Array = np.stack([toy["score"], toy["power"]], axis=1).astype(np.float32)
+    np.testing.assert_array_equal(task.inputs(["score", "power"]), expected)
+    assert task.inputs(["covariance_gated"]).shape == (300, 4, 9)
