@@ -5,6 +5,7 @@ runs once for every combination of the swept values. A command here receives pla
 describe, and calls the library. Whatever goes wrong ends as one line on stderr and a status that is not zero.
 """
 
+import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
@@ -128,6 +129,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("error: interrupted; the same command continues with what is finished", file=sys.stderr)
         return 130
+    except BrokenPipeError:  # whoever read our output, `head` say, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except Exception as error:
         return complain(error, trace=trace)
     return 0
