@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -100,15 +101,31 @@ class TestDivision:
         assert np.array_equal(tests[0], tests[1]) and not np.array_equal(tests[0], tests[2])
 
 
-@pytest.fixture(scope="module", params=[THRESHOLD, NETWORK], ids=["threshold", "network"])
-def done(request: pytest.FixtureRequest, toy: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    runs = tmp_path_factory.mktemp("runs")
+Done = tuple[Task, dict[str, Any], Path, dict[str, Any]]
+
+
+def finish(toy: Dataset, keys: dict[str, Any], runs: Path) -> Done:
     task = Task(toy, seed=2)
-    return task, request.param, runs, train(task, request.param, runs, name="some")
+    return task, keys, runs, train(task, keys, runs)
+
+
+@pytest.fixture(scope="module")
+def threshold(toy: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Done:
+    return finish(toy, THRESHOLD, tmp_path_factory.mktemp("threshold"))
+
+
+@pytest.fixture(scope="module")
+def network(toy: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Done:
+    return finish(toy, NETWORK, tmp_path_factory.mktemp("network"))
+
+
+@pytest.fixture(params=["threshold", "network"])
+def done(request: pytest.FixtureRequest) -> Done:
+    return request.getfixturevalue(request.param)  # type: ignore[no-any-return]
 
 
 class TestRun:
-    def test_folder_is_named_after_what_it_is(self, done: Any) -> None:
+    def test_folder_is_named_after_what_it_is(self, done: Done) -> None:
         _, keys, runs, result = done
         folder = runs / "train" / result["run"]
         assert result["run"].startswith("some-toy-s2-")
@@ -116,7 +133,7 @@ class TestRun:
         assert saved["classifier"] == keys and result["run"].endswith(store.digest(saved))
         assert json.loads((folder / "metrics.json").read_text()) == result
 
-    def test_file_scores_the_test_rows_as_reported(self, done: Any) -> None:
+    def test_file_scores_the_test_rows_as_reported(self, done: Done) -> None:
         task, _, runs, result = done
         test = task.parts().test
         confidence = training.load_scorer(runs / "train" / result["run"])(task.inputs(result["inputs"])[test])
@@ -125,11 +142,11 @@ class TestRun:
         assert float(values["balanced_accuracy"]) == pytest.approx(result["test"]["balanced_accuracy"], abs=0.02)
         assert result["test"]["auc"] > 0.85 and result["rows"]["test"] == 60 and result["model"]["parity"] <= 1e-5
 
-    def test_finished_runs_are_skipped(self, done: Any) -> None:
+    def test_finished_runs_are_skipped(self, done: Done) -> None:
         task, keys, runs, result = done
         assert training.train(task, name="some", classifier=never, config=keys, runs=runs) == result
 
-    def test_any_change_is_another_run(self, done: Any, toy: Dataset) -> None:
+    def test_any_change_is_another_run(self, done: Done, toy: Dataset) -> None:
         task, keys, runs, _ = done
         with pytest.raises(AssertionError, match="redone"):
             training.train(task, name="some", classifier=never, config=keys | {"inputs": ["power"]}, runs=runs)
@@ -137,7 +154,7 @@ class TestRun:
             with pytest.raises(AssertionError, match="redone"):
                 training.train(other, name="some", classifier=never, config=keys, runs=runs)
 
-    def test_the_dashboard_compares_all(self, done: Any) -> None:
+    def test_the_dashboard_compares_all(self, done: Done) -> None:
         _, _, runs, result = done
         events = EventAccumulator(str(runs / "train" / result["run"]))
         events.Reload()
@@ -150,23 +167,27 @@ class TestRun:
 
 
 class TestTrust:
-    def test_a_damaged_model_is_refused_and_mended(self, toy: Dataset, tmp_path: Path) -> None:
-        result = train(Task(toy), THRESHOLD, tmp_path)
-        folder = tmp_path / "train" / result["run"]
-        model = folder / "model.onnx"
-        data = bytearray(model.read_bytes())
-        data[len(data) // 2] ^= 1
-        model.write_bytes(data)
-        advice = "run again: echolearn train classifier=some plan=toy seed=0"
-        with pytest.raises(BadValue, match=rf"model\.onnx: damaged.*{advice}"):
-            training.load_scorer(folder)
-        assert train(Task(toy), THRESHOLD, tmp_path) == result
-        assert training.load_scorer(folder)(np.zeros((2, 1))).shape == (2,)
+    @pytest.fixture
+    def run(self, threshold: Done, tmp_path: Path) -> Path:
+        """Copy the folder of a finished run."""
+        _, _, runs, result = threshold
+        return Path(shutil.copytree(runs / "train" / result["run"], tmp_path / "train" / result["run"]))
 
-    def test_a_renamed_run_is_not_taken_for_another(self, toy: Dataset, tmp_path: Path) -> None:
-        first, second = (train(Task(toy, seed=seed), THRESHOLD, tmp_path)["run"] for seed in (0, 1))
-        (tmp_path / "train" / second).rename(tmp_path / "old")
-        (tmp_path / "train" / first).rename(tmp_path / "train" / second)
+    def test_a_damaged_model_is_refused_and_mended(self, toy: Dataset, run: Path, tmp_path: Path) -> None:
+        model = run / "model.onnx"
+        whole = model.read_bytes()
+        model.write_bytes(whole[:100] + bytes([whole[100] ^ 1]) + whole[101:])
+        advice = "run again: echolearn train classifier=some plan=toy seed=2"
+        with pytest.raises(BadValue, match=rf"model\.onnx: damaged.*{advice}"):
+            training.load_scorer(run)
+        expected = (run / "metrics.json").read_bytes()
+        train(Task(toy, seed=2), THRESHOLD, tmp_path)
+        assert model.read_bytes() == whole and (run / "metrics.json").read_bytes() == expected
+
+    def test_a_renamed_run_is_not_taken_for_another(self, toy: Dataset, run: Path, tmp_path: Path) -> None:
+        identity = store.load_json(run / "config.json")
+        identity["task"]["seed"] = 1
+        run.rename(run.parent / f"some-toy-s1-{store.digest(identity)}")
         with pytest.raises(BadValue, match="another run"):
             train(Task(toy, seed=1), THRESHOLD, tmp_path)
 
@@ -174,16 +195,13 @@ class TestTrust:
         with pytest.raises(BadValue, match="metrics.json"):
             training.load_scorer(tmp_path)
 
-    @pytest.mark.parametrize(("keys", "seen"), [(SVM, "config.json"), (NETWORK, "best.ckpt")], ids=["svm", "network"])
-    def test_killed_and_run_again_gives_equal_metrics(
-        self, toy: Dataset, tmp_path: Path, keys: dict[str, Any], seen: str
-    ) -> None:
-        expected = train(Task(toy), keys, tmp_path / "calm")["run"]
+    def test_killed_and_run_again_gives_equal_metrics(self, toy: Dataset, tmp_path: Path) -> None:
+        expected = train(Task(toy), NETWORK, tmp_path / "calm")["run"]
         folder = tmp_path / "killed" / "train" / expected
-        kill_when((folder / seen).is_file, lambda: train(Task(toy), keys, tmp_path / "killed"))
+        kill_when((folder / "best.ckpt").is_file, lambda: train(Task(toy), NETWORK, tmp_path / "killed"))
         assert not (folder / "metrics.json").exists()
         (folder / "events.out.tfevents.torn").write_bytes(b"torn")
-        train(Task(toy), keys, tmp_path / "killed")
+        train(Task(toy), NETWORK, tmp_path / "killed")
         calm = tmp_path / "calm" / "train" / expected
         for name in ("metrics.json", "config.json", "model.onnx"):
             assert (folder / name).read_bytes() == (calm / name).read_bytes()
@@ -232,16 +250,16 @@ def test_bad_values_are_named_and_leave_nothing(part: str, toy: Dataset, tmp_pat
     assert not list(tmp_path.rglob("*"))
 
 
-def test_finding_finished_runs_loads_no_learning_library(toy: Dataset, tmp_path: Path) -> None:
-    result = train(Task(toy), THRESHOLD, tmp_path)
+def test_finding_finished_runs_loads_no_learning_library(toy: Dataset, threshold: Done) -> None:
+    _, keys, runs, result = threshold
     code = f"""
 import sys
 from pathlib import Path
 from echolearn import training
 from echolearn.dataset import Dataset
 from echolearn.task import Task
-result = training.train(Task(Dataset(Path({str(toy.folder)!r}))), name="some", classifier=None, config={THRESHOLD!r},
-                        runs=Path({str(tmp_path)!r}))
+task = Task(Dataset(Path({str(toy.folder)!r})), seed=2)
+result = training.train(task, name="some", classifier=None, config={keys!r}, runs=Path({str(runs)!r}))
 print(result["run"], *sorted({{"torch", "sklearn", "lightning", "onnxruntime"}} & set(sys.modules)))
 """
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
