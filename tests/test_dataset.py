@@ -19,9 +19,9 @@ from echolearn import dataset, features, store
 from echolearn.dataset import Dataset, generate, records, split
 from echolearn.geometry import SearchWindow
 from echolearn.localize.gated import Gated
-from echolearn.plans import GridPlan, ScatteredPlan
+from echolearn.plans import GridPlan, ScatteredPlan, Spot
 from echolearn.simulate import Scene, observe
-from echolearn.types import Array, BadValue, Observation, Room
+from echolearn.types import Array, BadValue, Echoes, Observation, Pose, Room
 
 
 @pytest.fixture(scope="module")
@@ -136,6 +136,39 @@ def test_labels_are_those_of_the_mirrors(finished: Path, plan: GridPlan) -> None
     assert 0 < table["on_map"].sum() < len(table)
 
 
+def test_labels_follow_the_robots_heading(scattered: ScatteredPlan) -> None:
+    rows = records(replace(scattered, snr_db=(30.0, 40.0)), range(6))
+    for row in rows:
+        room = Room(tuple(row["room"]), row["t60"])
+        assert (row["reflector"], row["on_map"]) == labels(row, room, scattered.scene.array.positions)
+    assert rows["on_map"].any()
+    assert np.abs(rows["heading"]).max() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("distance", "turned", "reflector", "on_map"),
+    [
+        (1.00, 0.0, True, True),
+        (1.07, 0.0, True, True),  # 9.0 samples late
+        (0.93, 0.0, True, True),
+        (1.09, 0.0, False, True),  # 11.6 samples late, but 9 cm from the wall
+        (0.89, 0.0, False, False),
+        (1.11, 0.0, False, False),
+        (1.00, 0.3, True, True),  # 7 cm short of the wall
+        (1.00, 0.4, True, False),  # the right time from the wrong side: 11 cm short
+    ],
+)
+def test_labels_by_hand(plan: GridPlan, distance: float, turned: float, reflector: bool, on_map: bool) -> None:
+    """The robot looks along y, 1 m from the wall x=0, which is at its left; the echo comes from `distance`."""
+    spot = Spot(plan.room, Pose(np.array([1.0, 2.5, 2.0]), np.pi / 2), 0.0, 0.0, 0)
+    path = np.linalg.norm([2 * distance, -0.2])
+    toa, azimuth, level = (np.array([[value]]) for value in (path / 343.0, np.pi / 2 + turned, np.pi / 2))
+    echoes = Echoes(toa, toa, toa, azimuth, level, toa)
+    found = dataset._labels((spot,), echoes, plan.scene)
+    assert (found["reflector"][0], found["on_map"][0]) == (reflector, on_map)
+    assert found["truth_toa"][0, 0] == pytest.approx(np.hypot(2.0, 0.2) / 343.0)
+
+
 def test_walls_that_do_not_reflect_are_no_truth(plan: GridPlan) -> None:
     deaf = replace(plan, room=replace(plan.room, walls=(1.0, 1.0, 0.0, 0.0, 0.0, 0.0)))
     table = records(deaf, range(12))
@@ -186,7 +219,7 @@ def test_a_kill_costs_only_what_was_not_finished(finished: Path, plan: GridPlan,
     command = [sys.executable, str(script), str(frozen), str(runs)]
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
     folder = runs / "data" / finished.name
-    waited = time.monotonic() + 60
+    waited = time.monotonic() + 120
     while len(list(folder.glob("shard-*.json"))) < 2 and process.poll() is None and time.monotonic() < waited:
         time.sleep(0.005)
     os.killpg(process.pid, signal.SIGKILL)

@@ -78,6 +78,15 @@ def test_columns_of_the_peak_are_their_definitions(case: tuple[Array, dict[str, 
     assert columns["gain_delay"][0] == pytest.approx(4 * np.pi * 343.0 * lag / 22050.0 * columns["gain"][0])
 
 
+def test_a_second_peak_is_five_lags_away_at_least() -> None:
+    correlation = np.zeros((3, 40))
+    correlation[:, 10] = 2.0
+    correlation[0, 14], correlation[1, 15], correlation[2, 5] = 1.0, 1.5, 0.5
+    columns = features.peak_columns(correlation, np.array([10, 10, 10]))
+    assert columns["second_to_first"].tolist() == [0.0, 0.75, 0.25]
+    assert np.allclose(columns["peak_to_rms"], 2.0 / np.sqrt((4 + np.array([1.0, 2.25, 0.25])) / 40))
+
+
 def test_columns_of_the_steered_response_are_their_definitions(
     case: tuple[Array, dict[str, Array], int, float],
 ) -> None:

@@ -70,6 +70,15 @@ def test_measured_snr_is_asked_snr_at_every_microphone(brief: Scene, chamber: Ro
     assert np.allclose(measured, snr_db, atol=0.35)
 
 
+def test_the_ratio_is_each_microphones_own(brief: Scene) -> None:
+    """Microphones that hear the probe 1, 2 ... 6 times as loud get noise 1, 2 ... 6 times as loud."""
+    received = np.arange(1, 7)[:, None] * brief.direct[:1]
+    noise = (
+        add_noise(received, brief, snr_db=-10.0, gain_db=0.0, rng=np.random.default_rng(4)) + brief.direct - received
+    )
+    assert np.allclose(noise.std(axis=1) / noise[0].std(), np.arange(1, 7), rtol=0.05)
+
+
 def test_noise_is_independent_between_microphones(brief: Scene) -> None:
     rng = np.random.default_rng(2)
     noise = brief.noise(brief.array, length=8000, sample_rate=22050.0, rng=rng)
