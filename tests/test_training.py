@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -190,6 +191,19 @@ class TestTrust:
         run.rename(run.parent / f"some-toy-s1-{store.digest(identity)}")
         with pytest.raises(BadValue, match="another run"):
             train(Task(toy, seed=1), THRESHOLD, tmp_path)
+
+    @pytest.mark.parametrize("keys", [THRESHOLD, NETWORK], ids=["threshold", "network"])
+    def test_a_full_disk_is_one_line(
+        self, keys: dict[str, Any], toy: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2500, hard))  # bytes in a file: enough for a model, not for a log
+        try:
+            with pytest.raises(BadValue, match="cannot be written .*make room and run the same command again"):
+                train(Task(toy), keys, tmp_path)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert capfd.readouterr().err == "" and not list(tmp_path.rglob("metrics.json"))
 
     def test_an_unfinished_run_cannot_be_loaded(self, tmp_path: Path) -> None:
         with pytest.raises(BadValue, match="metrics.json"):

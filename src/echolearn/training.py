@@ -62,7 +62,13 @@ def train(
     check(folds in (0, *range(2, 21)), "folds", folds, allowed="0, or from 2 to 20")
     identity = {"format": FORMAT, "name": name, "classifier": dict(config), "task": task.identity(), "folds": folds}
     folder = Path(runs) / "train" / f"{name}-{task.dataset.name}-s{task.seed}-{store.digest(identity)}"
-    return finished(folder, identity) or run(task, classifier, identity, folder)
+    done = finished(folder, identity)
+    if done is not None:
+        return done
+    from echolearn.classify.board import writable
+
+    with writable(folder):
+        return run(task, classifier, identity, folder)
 
 
 def finished(folder: Path, identity: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -1,13 +1,15 @@
 """TensorBoard, the same for every classifier, so that one dashboard compares an SVM with a network."""
 
-from collections.abc import Mapping
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
-from echolearn.types import Array
+from echolearn.types import Array, BadValue
 
 
 def write_board(
@@ -39,3 +41,23 @@ def flat(parameters: Mapping[str, Any], before: str = "") -> dict[str, Any]:
         else:
             result[before + str(key)] = value if isinstance(value, bool | int | float | str) else str(value)
     return result
+
+
+@contextmanager
+def writable(folder: Path) -> Iterator[None]:
+    """Turn a failing disk within the block into one `BadValue`.
+
+    TensorBoard writes from a thread of its own, which would print a traceback besides raising in the main thread.
+
+    Args:
+        folder: where the block writes, for the message.
+    """
+    before = threading.excepthook
+    threading.excepthook = lambda failed: None if isinstance(failed.exc_value, OSError) else before(failed)
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or error
+        raise BadValue(f"{folder}: cannot be written ({reason}); make room and run the same command again") from error
+    finally:
+        threading.excepthook = before
