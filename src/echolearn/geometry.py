@@ -199,8 +199,8 @@ class SearchWindow:
         if self.rule == "authors":
             first, last = (round((2 * d - array.radius) * scale) for d in (self.nearest, self.farthest))
         else:
-            first = math.floor((2 * self.nearest - array.radius) * scale)
-            last = math.ceil((2 * self.farthest + array.radius) * scale)
+            first = math.floor((2 * self.nearest - array.radius) * scale + 1e-9)
+            last = math.ceil((2 * self.farthest + array.radius) * scale - 1e-9)
         if first < 1:
             raise BadValue(f"window.nearest={self.nearest} m: more than half the array's radius {array.radius:g} m")
         return first, last

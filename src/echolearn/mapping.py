@@ -46,8 +46,8 @@ def trajectory(
     room: Room,
     *,
     poses: int = 160,
-    clearance: float = 1.2,
-    weave: float = 0.6,
+    clearance: float = 1.05,
+    weave: float = 0.4,
     start: float = 0.6,
     height: float | None = None,
 ) -> list[Pose]:

@@ -146,7 +146,7 @@ def walks(contest: "Comparison", snr_db: str) -> list[str]:
 
 def room_of(walk: str) -> str:
     """Return a survey's name without its SNR."""
-    return walk.rsplit("-snr", 1)[0]
+    return walk.rsplit("_", 1)[0]
 
 
 def describe_room(contest: "Comparison", whole: Sequence[Row], walk: str, *, source: str, best: str) -> dict[str, Any]:
@@ -260,7 +260,7 @@ def panels(contest: "Comparison", snr_db: str, source: str, best: str) -> list[t
     for walk in walks(contest, snr_db):
         heard = contest.heard[walk, localizer]
         answer = answer_map(contest.runs[best, source][0], heard)
-        title = f"{room_of(walk)} m, SNR {snr_db} dB".replace("room_", "")
+        title = f"{room_of(walk)} m, SNR {snr_db} dB"
         found.append((f"{title}: every estimate", heard, np.ones(len(heard.points), dtype=bool)))
         found.append((f"{title}: filtered by {best}", heard, answer.confidence >= answer.threshold))
     return found

@@ -34,6 +34,8 @@ def survey(
     Raises:
         BadValue: values out of range, or a survey of that name made otherwise.
     """
+    spelled = str(name).replace("_", "").replace("-", "").replace(".", "")
+    check(spelled.isalnum(), "name", name, allowed="letters, digits, dots, - and _")
     check_number("snr_db", snr_db, low=-100.0, high=100.0, unit="dB")
     check_whole("seed", seed, low=0)
     walk = trajectory(room, poses=poses, start=start)

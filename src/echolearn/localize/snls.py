@@ -13,7 +13,7 @@ from echolearn import signals
 from echolearn.geometry import SearchWindow
 from echolearn.localize import beam
 from echolearn.localize.matched import Matched
-from echolearn.types import Array, Echoes, Observation, check_number, check_whole
+from echolearn.types import Array, Echoes, Observation, check, check_number, check_whole
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,10 @@ class Snls:
 
     def __post_init__(self) -> None:
         check_whole("localizer.azimuths", self.azimuths, low=8, high=3600)
-        check_whole("localizer.elevations", self.elevations, low=1, high=900)
+        check_whole("localizer.elevations", self.elevations, low=1, high=90)
+        directions = self.azimuths * self.elevations
+        allowed = "azimuths * elevations up to 7200, for memory"
+        check(directions <= 7200, "localizer.azimuths", self.azimuths, allowed=allowed)
         check_number("localizer.gamma", self.gamma, low=0.0, high=1.0)
 
     def __call__(self, observation: Observation) -> Echoes:
