@@ -24,8 +24,9 @@ $(READY): requirements.lock pyproject.toml
 paper: $(READY) ## the main job in full size: sets, classifiers, surveys, comparison
 	$(RUN) generate -m plan=$(SETS)
 	$(RUN) train -m $(CLASSIFIERS) $(SEEDS) plan=paper,scattered
+	$(RUN) train -m classifier=svm_pair,svm_toa,threshold_peak $(SEEDS) plan=paper_planar split=position,row
 	$(RUN) survey -m room=8x6x5,13x11x5 snr_db=-10,-5,0,10,40
-	$(RUN) compare
+	$(RUN) compare $(README)
 
 tiny: $(READY) ## the same path on small sets, for a first look
 	$(RUN) generate -m runs=runs/tiny plan=tiny,tiny_scattered
