@@ -53,11 +53,14 @@ def train(config: Config) -> None:
     from echolearn.dataset import folder_of
     from echolearn.task import Task
     from echolearn.training import train as fit
+    from echolearn.types import check
 
-    runs, plan = Path(config["runs"]), build(config["plan"], "plan")
-    dataset = open_set(folder_of(plan, runs), f"echolearn generate plan={config['choice']['plan']}")
+    runs, about = Path(config["runs"]), config["classifier"]
+    folder = folder_of(build(config["plan"], "plan"), runs)
+    hint = f"run: echolearn generate plan={config['choice']['plan']}"
+    check(folder.is_dir(), "plan", folder.name, allowed=f"a set that exists under {folder.parent}", hint=hint)
+    dataset = open_set(folder.resolve())
     task = Task(dataset, **{key: config[key] for key in ("target", "seed", "split", "test_share", "validation_share")})
-    about = config["classifier"]
     result = fit(
         task,
         name=config["name"],
@@ -70,14 +73,10 @@ def train(config: Config) -> None:
 
 
 @cache
-def open_set(folder: Path, command: str) -> "Dataset":
-    """Open a set once for all the jobs of a multirun."""
+def open_set(folder: Path) -> "Dataset":
+    """Open a set, once for all the jobs of a multirun."""
     from echolearn.dataset import Dataset
-    from echolearn.types import check
 
-    check(
-        folder.is_dir(), "plan", folder.name, allowed=f"a set that exists under {folder.parent}", hint=f"run: {command}"
-    )
     return Dataset(folder)
 
 
