@@ -6,52 +6,26 @@ The comparison is identified by what goes into it (runs, sets, surveys, settings
 import csv
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from echolearn import features, judge, recording, stats, store
+from echolearn import judge, report, store
 from echolearn.dataset import Dataset, plain
-from echolearn.geometry import distance_to_outline
+from echolearn.hearing import hear
 from echolearn.judge import Answer, Heard, Row, Sheet
 from echolearn.localize import Localizer
-from echolearn.localize.matched import Matched
-from echolearn.mapping import echo_map
 from echolearn.progress import track
-from echolearn.trained import Run, load_runs
-from echolearn.types import Array, BadValue, Echoes, check, check_whole
+from echolearn.tables import Comparison, Contestant
+from echolearn.trained import Run, answer_map, answer_set, load_runs, sheet_of
+from echolearn.types import BadValue, check, check_whole
 
 COLUMNS = "classifier trained_on tested_on seed snr_db noise metric value ci_low ci_high n".split()
 TEST_COLUMNS = "classifier against trained_on tested_on snr_db metric difference ci_low ci_high p p_holm n".split()
 YARDSTICK = "threshold_peak"
 """The bare threshold that every classifier is tested against."""
-
-BLOCK = 32
-"""Recordings localized together."""
-
-Contestant = tuple[str, str]
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Everything a report is made of.
-
-    Attributes:
-        runs: trained runs, grouped by (classifier, trained_on).
-        sets: labelled test sets by name.
-        heard: surveys, by (survey, localizer).
-        rows: of results.csv.
-        tests: of tests.csv.
-    """
-
-    runs: Mapping[Contestant, Sequence[Run]]
-    sets: Mapping[str, Dataset]
-    heard: Mapping[tuple[str, str], Heard]
-    rows: Sequence[Row]
-    tests: Sequence[Row]
 
 
 def compare(
@@ -81,12 +55,12 @@ def compare(
     Raises:
         BadValue: a set or survey that is missing, or no trained runs.
     """
-    from echolearn import report
-
     check_whole("resamples", resamples, low=20, high=100_000)
     folder = Path(runs) / "compare" / name
     trained = load_runs(Path(runs))
     check(len(trained) > 0, "runs", runs, allowed="a folder with trained runs", hint="run `echolearn train` first")
+    check(len(tested) > 0, "tested", "[]", allowed="at least one set")
+    check(not surveys or len(localizers) > 0, "localizers", "{}", allowed="at least one to hear the surveys")
     sets = {set_name: Dataset(find_set(Path(runs), set_name)) for set_name in tested}
     walks = {survey: Path(runs) / "survey" / survey for survey in surveys}
     inputs = {
@@ -104,7 +78,9 @@ def compare(
         files |= report.make(contest, name=name)
         for file, content in files.items():
             store.write_atomic(folder / file, content)
-        store.finish(folder, {"kind": "comparison", "inputs": inputs, "command": f"echolearn compare name={name}"}, files)
+        store.finish(
+            folder, {"kind": "comparison", "inputs": inputs, "command": f"echolearn compare name={name}"}, files
+        )
     report.show(folder, readme=readme)
     return folder
 
@@ -122,8 +98,14 @@ def find_set(runs: Path, name: str) -> Path:
     Raises:
         BadValue: none, or several that differ in their settings.
     """
-    found = sorted(path.parent for path in (runs / "data").glob(f"{name}-*/{store.MANIFEST}") if _digest_only(path.parent.name, name))
-    hint = f"run `echolearn generate plan={name}`" if not found else "remove the outdated: " + ", ".join(map(str, found))
+    found = sorted(
+        path.parent
+        for path in (runs / "data").glob(f"{name}-*/{store.MANIFEST}")
+        if _digest_only(path.parent.name, name)
+    )
+    hint = (
+        f"run `echolearn generate plan={name}`" if not found else "remove the outdated: " + ", ".join(map(str, found))
+    )
     check(len(found) == 1, "tested", name, allowed="the name of exactly one finished set", hint=hint)
     return found[0]
 
@@ -155,30 +137,15 @@ def hold(
     heard = {}
     pairs = [(walk, localizer) for walk in walks for localizer in localizers]
     for walk, localizer in track(pairs, "judge maps", unit="surveys"):
-        one = heard[walk, localizer] = hear(walks[walk], localizers[localizer], name=f"{walk}/{localizer}", resamples=resamples)
+        one = heard[walk, localizer] = hear(
+            walks[walk], localizers[localizer], name=f"{walk}/{localizer}", resamples=resamples
+        )
         snr_db = f"{float(one.sheet.snr_db[0]):g}"
         answers = {who: [answer_map(run, one) for run in them] for who, them in contestants.items()}
         for who, given in (_references(one) | answers).items():
             rows += judge.judge_map(who, given, one, snr_db=snr_db)
         tests += against_yardstick(answers, one.sheet, metric="balanced_accuracy", snr_db=snr_db)
     return Comparison(contestants, sets, heard, rows, judge.correct(tests))
-
-
-def sheet_of(dataset: Dataset, name: str, *, resamples: int) -> Sheet:
-    """Return the sheet of a labelled set, judged by the paper's label."""
-    weights = stats.cluster_weights(dataset["group"], resamples=resamples)
-    return Sheet(name, dataset["reflector"], dataset["group"], dataset["snr_db"], weights)
-
-
-def answer_set(run: Run, dataset: Dataset) -> Answer:
-    """Let a run answer about a set: about its held-out rows only where it was trained on this set."""
-    rows = run.held_out(dataset) if run.data_digest == dataset.digest else np.arange(len(dataset))
-    return Answer(run.seed, rows, run.confidence({name: dataset[name][rows] for name in run.inputs}), run.threshold)
-
-
-def answer_map(run: Run, heard: Heard) -> Answer:
-    """Let a run answer about every echo of a survey."""
-    return Answer(run.seed, np.arange(len(heard.points)), run.confidence(heard.columns), run.threshold)
 
 
 def _chance(sheet: Sheet) -> dict[Contestant, list[Answer]]:
@@ -199,38 +166,6 @@ def against_yardstick(
             where = {"trained_on": trained_on, "tested_on": sheet.name, "snr_db": snr_db}
             tested = judge.compare_pair(given, yardstick, sheet, metric=metric)
             yield {"classifier": classifier, "against": YARDSTICK, **where, **tested}
-
-
-def hear(folder: Path, localizer: Localizer, *, name: str, resamples: int) -> Heard:
-    """Localize and describe every recording of a survey.
-
-    Raises:
-        BadValue: the survey has no outline to be judged against.
-    """
-    survey = recording.read(folder)
-    if survey.walls is None:
-        raise BadValue(f"{folder}/survey.yaml: no walls; an outline is needed to judge a map")
-    blocks = [range(start, min(start + BLOCK, len(survey.poses))) for start in range(0, len(survey.poses), BLOCK)]
-    described = [_describe(survey, localizer, block) for block in blocks]
-    columns = {key: np.concatenate([block[key] for block in described]) for key in described[0]}
-    echoes = Echoes(*(columns[key][:, None] for key in ("toa", "score", "gain", "azimuth", "elevation", "power")))
-    found = echo_map(echoes, survey.poses, array=survey.array, speed_of_sound=survey.speed_of_sound)
-    poses = np.arange(len(survey.poses))
-    sheet = Sheet(
-        name,
-        distance_to_outline(found.points, survey.walls) <= judge.metrics.TOLERANCE,
-        poses,
-        np.full(len(poses), float(survey.conditions.get("snr_db", np.nan))),
-        stats.cluster_weights(poses, resamples=resamples),
-        str(survey.conditions.get("noise", "unknown")),
-    )
-    return Heard(sheet, found.points, found.poses, survey.walls, columns)
-
-
-def _describe(survey: recording.Survey, localizer: Localizer, block: range) -> dict[str, Array]:
-    observation = survey.observe(block)
-    matched = Matched(observation, localizer.window)
-    return features.describe(matched, localizer(observation))
 
 
 def to_csv(rows: Iterable[Row], columns: Sequence[str]) -> bytes:

@@ -73,10 +73,37 @@ def paint_map(axis: Axes, title: str, heard: Heard, kept: Array) -> None:
     axis.plot(*heard.poses.T, color="#b5b5b5", linewidth=1.0, label="path", zorder=1)
     axis.plot(*corners.T, color=BLACK, linewidth=2.0, label="wall", zorder=2)
     rejected = heard.points[~kept]
-    axis.plot(*rejected.T, linestyle="", marker="x", color="#c9a58d", markersize=4, markeredgewidth=0.9, label="rejected", zorder=3)
-    axis.plot(*heard.points[kept & ~true].T, linestyle="", marker="^", color=RED, markersize=5, label="kept, spurious", zorder=4)
-    axis.plot(*heard.points[kept & true].T, linestyle="", marker="o", color=BLUE, markersize=4, label="kept, on a wall", zorder=5)
-    precision = f"{(kept & true).sum() / kept.sum():.0%} of {kept.sum()} points on a wall" if kept.any() else "no points"
+    axis.plot(
+        *rejected.T,
+        linestyle="",
+        marker="x",
+        color="#c9a58d",
+        markersize=4,
+        markeredgewidth=0.9,
+        label="rejected",
+        zorder=3,
+    )
+    axis.plot(
+        *heard.points[kept & ~true].T,
+        linestyle="",
+        marker="^",
+        color=RED,
+        markersize=5,
+        label="kept, spurious",
+        zorder=4,
+    )
+    axis.plot(
+        *heard.points[kept & true].T,
+        linestyle="",
+        marker="o",
+        color=BLUE,
+        markersize=4,
+        label="kept, on a wall",
+        zorder=5,
+    )
+    precision = (
+        f"{(kept & true).sum() / kept.sum():.0%} of {kept.sum()} points on a wall" if kept.any() else "no points"
+    )
     axis.set_title(f"{title}\n{precision}", fontsize=9)
     low, high = heard.corners.min(axis=0) - 0.6, heard.corners.max(axis=0) + 0.6
     axis.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x / m", ylabel="y / m")
@@ -109,8 +136,17 @@ def paint_line(axis: Axes, label: str, rows: Sequence[Row], *, number: int) -> N
     """Draw one line with its interval as a band."""
     x = [float(row["snr_db"]) for row in rows]
     colour = CYCLE[number % len(CYCLE)]
-    axis.plot(x, [row["value"] for row in rows], color=colour, marker=MARKERS[number % len(MARKERS)], markersize=4, label=label)
-    axis.fill_between(x, [row["ci_low"] for row in rows], [row["ci_high"] for row in rows], color=colour, alpha=0.12, linewidth=0)
+    axis.plot(
+        x,
+        [row["value"] for row in rows],
+        color=colour,
+        marker=MARKERS[number % len(MARKERS)],
+        markersize=4,
+        label=label,
+    )
+    axis.fill_between(
+        x, [row["ci_low"] for row in rows], [row["ci_high"] for row in rows], color=colour, alpha=0.12, linewidth=0
+    )
 
 
 def bands(lines: Mapping[str, Sequence[Row]]) -> str:
@@ -170,7 +206,9 @@ def arrival_times(sets: Mapping[str, tuple[Array, Array]]) -> str:
             weight = 1.0 / len(toa)
             both = [toa[reflector], toa[~reflector]]
             labels, colours = ["reflector", "spurious"], [BLUE, "#c9a58d"]
-            axis.hist(both, edges, weights=[np.full(len(v), weight) for v in both], stacked=True, label=labels, color=colours)
+            axis.hist(
+                both, edges, weights=[np.full(len(v), weight) for v in both], stacked=True, label=labels, color=colours
+            )
             axis.set(title=title, xlabel="estimated time of arrival / ms")
         axes[0].set_ylabel("share of observations")
         axes[0].legend(loc="upper right")

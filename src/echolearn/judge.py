@@ -92,7 +92,13 @@ def judge(
     if len(answers) > 1:
         for answer, values in zip(answers, each, strict=True):
             for metric, value in values.items():
-                yield common | {"seed": answer.seed, "metric": metric, "value": float(value), "ci_low": "", "ci_high": ""}
+                yield common | {
+                    "seed": answer.seed,
+                    "metric": metric,
+                    "value": float(value),
+                    "ci_low": "",
+                    "ci_high": "",
+                }
 
     def mean(weights: Array | None) -> dict[str, Array]:
         if weights is None:
@@ -121,12 +127,12 @@ def judge_labels(who: tuple[str, str], answers: Sequence[Answer], sheet: Sheet) 
         yield from _judge_band(who, answers, sheet, low=low, high=high)
 
 
-def _judge_band(who: tuple[str, str], answers: Sequence[Answer], sheet: Sheet, *, low: float, high: float) -> Iterator[Row]:
+def _judge_band(
+    who: tuple[str, str], answers: Sequence[Answer], sheet: Sheet, *, low: float, high: float
+) -> Iterator[Row]:
     inside = (sheet.snr_db >= low) & (sheet.snr_db < high)
     new_row = np.cumsum(inside) - 1
-    cut = [
-        Answer(a.seed, new_row[a.rows[inside[a.rows]]], a.confidence[inside[a.rows]], a.threshold) for a in answers
-    ]
+    cut = [Answer(a.seed, new_row[a.rows[inside[a.rows]]], a.confidence[inside[a.rows]], a.threshold) for a in answers]
     if not all(len(answer.rows) for answer in cut):
         return
     banded = sheet.only(inside)
@@ -196,9 +202,7 @@ def yardsticks(reference: Array, *, seed: int = 0) -> dict[str, Answer]:
     return {name: Answer(0, rows, values, 0.5) for name, values in confidence.items()}
 
 
-def compare_pair(
-    first: Sequence[Answer], second: Sequence[Answer], sheet: Sheet, *, metric: str, seed: int = 0
-) -> Row:
+def compare_pair(first: Sequence[Answer], second: Sequence[Answer], sheet: Sheet, *, metric: str, seed: int = 0) -> Row:
     """Test whether two contestants differ in a metric, on the same rows, pooled over their common seeds.
 
     Args:
@@ -221,7 +225,14 @@ def compare_pair(
         seed=seed,
     )
     value, low, high, p = difference
-    return {"metric": metric, "difference": value, "ci_low": low, "ci_high": high, "p": p, "n": len(np.unique(sheet.groups[rows]))}
+    return {
+        "metric": metric,
+        "difference": value,
+        "ci_low": low,
+        "ci_high": high,
+        "p": p,
+        "n": len(np.unique(sheet.groups[rows])),
+    }
 
 
 def _answer(answer: Answer, metric: str) -> Array:

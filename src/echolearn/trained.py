@@ -1,4 +1,4 @@
-"""Finished runs, read back: what they were trained on, what they look at, how much they believe."""
+"""Finished runs, read back: what they were trained on, what they look at, what they answer about a test set."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import store
+from echolearn import stats, store
 from echolearn.classify.inputs import COVARIANCE, view_of
 from echolearn.dataset import Dataset, split
+from echolearn.judge import Answer, Heard, Sheet
 from echolearn.training import load_scorer
 from echolearn.types import Array
 
@@ -82,7 +83,27 @@ class Run:
 
 def load_runs(runs: Path) -> list[Run]:
     """Return every finished run under `runs/train` whose data are still there, by name."""
-    present = {store.digest(store.load_manifest(path.parent)["files"]) for path in (runs / "data").glob(f"*/{store.MANIFEST}")}
+    present = {
+        store.digest(store.load_manifest(path.parent)["files"]) for path in (runs / "data").glob(f"*/{store.MANIFEST}")
+    }
     folders = sorted(path.parent for path in (runs / "train").glob("*/metrics.json"))
     found = [Run(folder, store.load_json(folder / "metrics.json")) for folder in folders]
     return [run for run in found if run.data_digest in present]
+
+
+def sheet_of(dataset: Dataset, name: str, *, resamples: int) -> Sheet:
+    """Return the sheet of a labelled set, judged by the paper's label."""
+    weights = stats.cluster_weights(dataset["group"], resamples=resamples)
+    noise = dataset.manifest["plan"]["scene"]["noise"]["_target_"].rpartition(".")[2].lower()
+    return Sheet(name, dataset["reflector"], dataset["group"], dataset["snr_db"], weights, noise)
+
+
+def answer_set(run: Run, dataset: Dataset) -> Answer:
+    """Let a run answer about a set: about its held-out rows only where it was trained on this set."""
+    rows = run.held_out(dataset) if run.data_digest == dataset.digest else np.arange(len(dataset))
+    return Answer(run.seed, rows, run.confidence({name: dataset[name][rows] for name in run.inputs}), run.threshold)
+
+
+def answer_map(run: Run, heard: Heard) -> Answer:
+    """Let a run answer about every echo of a survey."""
+    return Answer(run.seed, np.arange(len(heard.points)), run.confidence(heard.columns), run.threshold)

@@ -1,0 +1,48 @@
+"""Hear a recorded survey as one localizer does: its echoes, their columns, their points on the map."""
+
+from pathlib import Path
+
+import numpy as np
+
+from echolearn import features, metrics, recording, stats
+from echolearn.geometry import distance_to_outline
+from echolearn.judge import Heard, Sheet
+from echolearn.localize import Localizer
+from echolearn.localize.matched import Matched
+from echolearn.mapping import echo_map
+from echolearn.types import Array, BadValue, Echoes
+
+BLOCK = 32
+"""Recordings localized together."""
+
+
+def hear(folder: Path, localizer: Localizer, *, name: str, resamples: int) -> Heard:
+    """Localize and describe every recording of a survey.
+
+    Raises:
+        BadValue: the survey has no outline to be judged against.
+    """
+    survey = recording.read(folder)
+    if survey.walls is None:
+        raise BadValue(f"{folder}/survey.yaml: no walls; an outline is needed to judge a map")
+    blocks = [range(start, min(start + BLOCK, len(survey.poses))) for start in range(0, len(survey.poses), BLOCK)]
+    described = [_describe(survey, localizer, block) for block in blocks]
+    columns = {key: np.concatenate([block[key] for block in described]) for key in described[0]}
+    echoes = Echoes(*(columns[key][:, None] for key in ("toa", "score", "gain", "azimuth", "elevation", "power")))
+    found = echo_map(echoes, survey.poses, array=survey.array, speed_of_sound=survey.speed_of_sound)
+    poses = np.arange(len(survey.poses))
+    sheet = Sheet(
+        name,
+        distance_to_outline(found.points, survey.walls) <= metrics.TOLERANCE,
+        poses,
+        np.full(len(poses), float(survey.conditions.get("snr_db", np.nan))),
+        stats.cluster_weights(poses, resamples=resamples),
+        str(survey.conditions.get("noise", "unknown")),
+    )
+    return Heard(sheet, found.points, found.poses, survey.walls, columns)
+
+
+def _describe(survey: recording.Survey, localizer: Localizer, block: range) -> dict[str, Array]:
+    observation = survey.observe(block)
+    matched = Matched(observation, localizer.window)
+    return features.describe(matched, localizer(observation))

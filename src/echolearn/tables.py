@@ -1,0 +1,230 @@
+"""What a comparison says: its rows arranged into the tables of the report.
+
+A *line* is a dictionary that a template shows; its cells are rows of `results.csv`, so that each figure keeps its interval.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import mean
+from typing import Any
+
+import numpy as np
+
+from echolearn.dataset import Dataset
+from echolearn.judge import BANDS, Heard, Row
+from echolearn.trained import Run
+
+SHOWN_DB = ("0", "-5", "-10")
+"""SNRs of the maps' tables."""
+
+Contestant = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Everything a report is made of.
+
+    Attributes:
+        runs: trained runs, grouped by (classifier, trained_on).
+        sets: labelled test sets by name.
+        heard: surveys, by (survey, localizer).
+        rows: of results.csv.
+        tests: of tests.csv.
+    """
+
+    runs: Mapping[Contestant, Sequence[Run]]
+    sets: Mapping[str, Dataset]
+    heard: Mapping[tuple[str, str], Heard]
+    rows: Sequence[Row]
+    tests: Sequence[Row]
+
+
+def pick(rows: Iterable[Row], **wanted: Any) -> list[Row]:
+    """Return the rows whose columns equal `wanted`; a tuple allows several values."""
+    pairs = {key: value if isinstance(value, tuple) else (value,) for key, value in wanted.items()}
+    return [row for row in rows if all(row[key] in values for key, values in pairs.items())]
+
+
+def is_learned(classifier: str) -> bool:
+    """Tell whether a classifier is more than a bare threshold or a yardstick."""
+    return not classifier.startswith(("threshold_", "keep_", "oracle", "chance"))
+
+
+def chosen(contest: Comparison, trained_on: str) -> str:
+    """Return the learned classifier with the best balanced accuracy on its own validation rows: no test set is asked."""
+    scores = {
+        name: mean(run.metrics["validation"]["balanced_accuracy"] for run in runs)
+        for (name, source), runs in contest.runs.items()
+        if source == trained_on
+    }
+    candidates = [name for name in sorted(scores) if is_learned(name)] or sorted(scores)
+    return max(candidates, key=scores.__getitem__)
+
+
+def headline_set(contest: Comparison) -> str:
+    """Return the training set that the maps' tables are about: the scattered one, if there is any."""
+    sources = sorted({source for _, source in contest.runs})
+    return next((source for source in sources if source.endswith("scattered")), sources[0])
+
+
+def gather(contest: Comparison, *, source: str, best: str) -> dict[str, Any]:
+    """Return everything the templates show."""
+    whole = pick(contest.rows, seed="")
+    return {
+        "source": source,
+        "best": best,
+        "levels": levels(contest),
+        "sets": [describe_set(name, dataset) for name, dataset in contest.sets.items()],
+        "bands": [f"{low} to {high}" for low, high in BANDS],
+        "rooms": [describe_room(contest, whole, room, source=source, best=best) for room in rooms(contest)],
+        "names": list(dict.fromkeys(row["classifier"] for row in whole if row["trained_on"] in ("-", source))),
+        "worst": worst_off_grid(whole, source),
+        "directions": directions(whole, contest),
+        "generalisation": generalisation(whole, contest),
+        "protocol": protocol(contest),
+        "leak": leak(whole),
+        "tests": [row for row in contest.tests if row["trained_on"] == source],
+        "seeds": sorted({run.seed for runs in contest.runs.values() for run in runs}),
+        "runs": sum(map(len, contest.runs.values())),
+    }
+
+
+def describe_set(name: str, dataset: Dataset) -> dict[str, Any]:
+    """Return what the table of sets shows: sizes, labels, and how often the TOA is right in each SNR band."""
+    snr_db, reflector = dataset["snr_db"], dataset["reflector"]
+    inside = [(snr_db >= low) & (snr_db < high) for low, high in BANDS]
+    return {
+        "name": name,
+        "rows": len(dataset),
+        "positions": len(np.unique(dataset["group"])),
+        "reflector": float(reflector.mean()),
+        "on_map": float(dataset["on_map"].mean()),
+        "right": [float(reflector[rows].mean()) if rows.any() else float("nan") for rows in inside],
+        "digest": dataset.digest,
+    }
+
+
+def rooms(contest: Comparison) -> list[str]:
+    """Return the rooms of the surveys, in order."""
+    return list(dict.fromkeys(room_of(walk) for walk, _ in contest.heard))
+
+
+def room_of(walk: str) -> str:
+    """Return a survey's name without its SNR."""
+    return walk.rsplit("_", 1)[0]
+
+
+def snr_of(heard: Heard) -> str:
+    """Return the SNR of a survey as `results.csv` spells it."""
+    return f"{heard.sheet.snr_db[0]:g}"
+
+
+def levels(contest: Comparison) -> list[str]:
+    """Return the SNRs whose maps are shown in tables."""
+    known = list(dict.fromkeys(snr_of(heard) for heard in contest.heard.values()))
+    return [level for level in SHOWN_DB if level in known] or known
+
+
+def walks(contest: Comparison, snr_db: str) -> list[str]:
+    """Return the surveys recorded at an SNR, in order."""
+    return list(dict.fromkeys(walk for (walk, _), heard in contest.heard.items() if snr_of(heard) == snr_db))
+
+
+def describe_room(contest: Comparison, whole: Sequence[Row], room: str, *, source: str, best: str) -> dict[str, Any]:
+    """Return the map tables of one room, a list of lines per SNR, with the main direction."""
+    localizer = main_localizer(contest)
+    names = {level: walk for level in levels(contest) for walk in walks(contest, level) if room_of(walk) == room}
+    tables = {level: map_lines(contest, whole, f"{walk}/{localizer}", source=source) for level, walk in names.items()}
+    heard = next(heard for (walk, _), heard in contest.heard.items() if room_of(walk) == room)
+    return {
+        "room": room,
+        "poses": len(heard.points),
+        "attainable": heard.attainable,
+        "tables": tables,
+        "best": {level: pick(lines, classifier=best)[0] for level, lines in tables.items()},
+    }
+
+
+def main_localizer(contest: Comparison) -> str:
+    """Return the localizer of the maps' tables: the first one."""
+    return next(localizer for _, localizer in contest.heard)
+
+
+def map_lines(contest: Comparison, whole: Sequence[Row], tested_on: str, *, source: str) -> list[dict[str, Any]]:
+    """Return a line per contestant: its map metrics, and how it compares with the bare threshold."""
+    here = pick(whole, tested_on=tested_on, trained_on=("-", source))
+    lines = []
+    for classifier in dict.fromkeys(row["classifier"] for row in here):
+        cells = {row["metric"]: row for row in pick(here, classifier=classifier)}
+        test = pick(contest.tests, tested_on=tested_on, trained_on=source, classifier=classifier)
+        lines.append(
+            {"classifier": classifier, "learned": is_learned(classifier), "test": test[0] if test else None, **cells}
+        )
+    return lines
+
+
+def directions(whole: Sequence[Row], contest: Comparison) -> list[dict[str, Any]]:
+    """Return, for each room and localizer, the share of points on a wall at each SNR, nothing filtered."""
+    lines: dict[tuple[str, str], dict[str, Any]] = {}
+    for (walk, localizer), heard in contest.heard.items():
+        line = lines.setdefault((room_of(walk), localizer), {"attainable": heard.attainable, "share": {}})
+        [row] = pick(whole, tested_on=f"{walk}/{localizer}", classifier="keep_everything", metric="precision")
+        line["share"][row["snr_db"]] = row
+    return [{"room": room, "localizer": localizer, **line} for (room, localizer), line in lines.items()]
+
+
+def worst_off_grid(whole: Sequence[Row], source: str) -> dict[str, Row]:
+    """Return each contestant's lowest AUC over the off-grid sets."""
+    here = [
+        row
+        for row in pick(whole, metric="auc", snr_db="", trained_on=("-", source))
+        if row["tested_on"].startswith("offgrid")
+    ]
+    return {
+        name: min(pick(here, classifier=name), key=lambda row: row["value"])
+        for name in {row["classifier"] for row in here}
+    }
+
+
+def generalisation(whole: Sequence[Row], contest: Comparison) -> dict[str, Any]:
+    """Return the table trained on x tested on: AUC of every contestant on every labelled set."""
+    here = pick(whole, metric="auc", snr_db="", tested_on=tuple(contest.sets))
+    lines: dict[tuple[str, str], dict[str, Row]] = {}
+    for row in here:
+        lines.setdefault((row["trained_on"], row["classifier"]), {})[row["tested_on"]] = row
+    order = sorted(lines, key=lambda key: (key[0] != "-", key[0]))
+    return {
+        "columns": list(contest.sets),
+        "lines": [{"trained_on": source, "classifier": name, "cells": lines[source, name]} for source, name in order],
+    }
+
+
+def protocol(contest: Comparison) -> list[dict[str, Any]]:
+    """Return each contestant's own validation, test and cross-validation figures: the paper's protocol."""
+    lines = []
+    for (name, source), runs in sorted(contest.runs.items(), key=lambda item: item[0][::-1]):
+        line: dict[str, Any] = {"classifier": name, "trained_on": source, "rows": runs[0].metrics["rows"]}
+        for part in ("validation", "test"):
+            line[part] = {
+                key: mean(run.metrics[part][key] for run in runs) for key in ("auc", "balanced_accuracy", "accuracy")
+            }
+        crossed = [run.metrics["cross_validation"] for run in runs if run.metrics["cross_validation"]]
+        line["folds"] = mean(result["balanced_accuracy"]["mean"] for result in crossed) if crossed else None
+        line["spread"] = float(np.std([run.metrics["test"]["auc"] for run in runs]))
+        lines.append(line)
+    return lines
+
+
+def leak(whole: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return pairs of AUCs of the same classifier with rows of one position on both sides of the split, and not."""
+    lines = []
+    for row in pick(whole, metric="auc", snr_db=""):
+        planned = row["trained_on"].removesuffix(" (row split)")
+        if planned != row["trained_on"] and row["tested_on"] == planned:
+            clean = pick(
+                whole, metric="auc", snr_db="", classifier=row["classifier"], trained_on=planned, tested_on=planned
+            )
+            lines += (
+                [{"classifier": row["classifier"], "set": planned, "leaky": row, "clean": clean[0]}] if clean else []
+            )
+    return lines
