@@ -6,19 +6,21 @@ The comparison is identified by what goes into it (runs, sets, surveys, settings
 import csv
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from io import StringIO
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from echolearn import judge, report, store
-from echolearn.dataset import Dataset, plain
+from echolearn.dataset import Dataset, plain, single_threads
 from echolearn.hearing import hear
 from echolearn.judge import Answer, Heard, Row, Sheet
 from echolearn.localize import Localizer
 from echolearn.progress import track
-from echolearn.tables import Comparison, Contestant
+from echolearn.tables import Comparison, Contestant, snr_of
 from echolearn.trained import Run, answer_map, answer_set, load_runs, sheet_of
 from echolearn.types import BadValue, check, check_whole
 
@@ -36,6 +38,7 @@ def compare(
     localizers: Mapping[str, Localizer],
     runs: Path,
     resamples: int = 1000,
+    workers: int = 1,
     readme: Path | None = None,
 ) -> Path:
     """Judge all trained runs and write the comparison; a finished one is only shown again.
@@ -47,6 +50,7 @@ def compare(
         localizers: by name; each survey is heard by each of them.
         runs: folder of everything generated.
         resamples: bootstrap draws behind every interval.
+        workers: processes; the result does not depend on their number.
         readme: a file whose results table, between markers, is replaced; None leaves it.
 
     Returns:
@@ -56,6 +60,7 @@ def compare(
         BadValue: a set or survey that is missing, or no trained runs.
     """
     check_whole("resamples", resamples, low=20, high=100_000)
+    check_whole("workers", workers, low=1, high=1024)
     folder = Path(runs) / "compare" / name
     trained = load_runs(Path(runs))
     check(len(trained) > 0, "runs", runs, allowed="a folder with trained runs", hint="run `echolearn train` first")
@@ -64,7 +69,7 @@ def compare(
     sets = {set_name: Dataset(find_set(Path(runs), set_name)) for set_name in tested}
     walks = {survey: Path(runs) / "survey" / survey for survey in surveys}
     inputs = {
-        "runs": [run.identity for run in trained],
+        "runs": {run.identity: run.metrics["model"]["sha256"] for run in trained},
         "sets": {key: value.digest for key, value in sets.items()},
         "surveys": {key: store.digest(store.verify(value)["files"]) for key, value in walks.items()},
         "localizers": plain(dict(localizers)),
@@ -73,14 +78,13 @@ def compare(
     }
     if not _is_finished(folder, inputs):
         store.clean(folder)
-        contest = hold(trained, sets, walks, localizers, resamples=resamples)
+        contest = hold(trained, sets, walks, localizers, resamples=resamples, workers=workers)
         files = {"results.csv": to_csv(contest.rows, COLUMNS), "tests.csv": to_csv(contest.tests, TEST_COLUMNS)}
         files |= report.make(contest, name=name)
         for file, content in files.items():
             store.write_atomic(folder / file, content)
-        store.finish(
-            folder, {"kind": "comparison", "inputs": inputs, "command": f"echolearn compare name={name}"}, files
-        )
+        about = {"kind": "comparison", "inputs": inputs, "command": f"echolearn compare name={name}"}
+        store.finish(folder, about, files)
     report.show(folder, readme=readme)
     return folder
 
@@ -98,20 +102,12 @@ def find_set(runs: Path, name: str) -> Path:
     Raises:
         BadValue: none, or several that differ in their settings.
     """
-    found = sorted(
-        path.parent
-        for path in (runs / "data").glob(f"{name}-*/{store.MANIFEST}")
-        if _digest_only(path.parent.name, name)
-    )
-    hint = (
-        f"run `echolearn generate plan={name}`" if not found else "remove the outdated: " + ", ".join(map(str, found))
-    )
+    manifests = (runs / "data").glob(f"{name}-*/{store.MANIFEST}")
+    found = sorted(path.parent for path in manifests if "-" not in path.parent.name.removeprefix(f"{name}-"))
+    outdated = "remove the outdated: " + ", ".join(map(str, found))
+    hint = outdated if found else f"run `echolearn generate plan={name}`"
     check(len(found) == 1, "tested", name, allowed="the name of exactly one finished set", hint=hint)
     return found[0]
-
-
-def _digest_only(folder: str, name: str) -> bool:
-    return "-" not in folder.removeprefix(f"{name}-")
 
 
 def hold(
@@ -121,31 +117,61 @@ def hold(
     localizers: Mapping[str, Localizer],
     *,
     resamples: int,
+    workers: int,
 ) -> Comparison:
-    """Judge every run on every set and survey."""
+    """Judge every run on every set and survey, which are shared out among `workers` processes."""
     contestants: dict[Contestant, list[Run]] = defaultdict(list)
     for run in trained:
         contestants[run.classifier, run.trained_on].append(run)
-    rows: list[Row] = []
-    tests: list[Row] = []
-    for set_name, dataset in track(list(sets.items()), "judge sets", unit="sets"):
-        sheet = sheet_of(dataset, set_name, resamples=resamples)
-        answers = {who: [answer_set(run, dataset) for run in them] for who, them in contestants.items()}
-        for who, given in (answers | _chance(sheet)).items():
-            rows += judge.judge_labels(who, given, sheet)
-        tests += against_yardstick(answers, sheet, metric="auc", snr_db="")
-    heard = {}
-    pairs = [(walk, localizer) for walk in walks for localizer in localizers]
-    for walk, localizer in track(pairs, "judge maps", unit="surveys"):
-        one = heard[walk, localizer] = hear(
-            walks[walk], localizers[localizer], name=f"{walk}/{localizer}", resamples=resamples
-        )
-        snr_db = f"{float(one.sheet.snr_db[0]):g}"
-        answers = {who: [answer_map(run, one) for run in them] for who, them in contestants.items()}
-        for who, given in (_references(one) | answers).items():
-            rows += judge.judge_map(who, given, one, snr_db=snr_db)
-        tests += against_yardstick(answers, one.sheet, metric="balanced_accuracy", snr_db=snr_db)
-    return Comparison(contestants, sets, heard, rows, judge.correct(tests))
+    pairs = [(walk, name) for walk in walks for name in localizers]
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool, single_threads():
+        jobs = [pool.submit(judge_set, contestants, dataset.folder, name, resamples) for name, dataset in sets.items()]
+        for walk, name in pairs:
+            task = Walk(walks[walk], f"{walk}/{name}", localizers[name], tested=name == pairs[0][1])
+            jobs.append(pool.submit(judge_walk, contestants, task, resamples))
+        done = [job.result() for job in track(jobs, "judge", unit="sets and surveys")]
+    rows = [row for verdict in done for row in verdict.rows]
+    tests = judge.correct(row for verdict in done for row in verdict.tests)
+    heard = {pair: verdict.heard for pair, verdict in zip(pairs, done[len(sets) :], strict=True) if verdict.heard}
+    return Comparison(contestants, sets, heard, rows, tests)
+
+
+class Walk(NamedTuple):
+    """A survey to be judged, by which localizer, and whether with paired tests."""
+
+    folder: Path
+    name: str
+    localizer: Localizer
+    tested: bool
+
+
+class Verdict(NamedTuple):
+    """What was found on one set or survey: rows of results.csv and of tests.csv, and what was heard."""
+
+    rows: list[Row]
+    tests: list[Row]
+    heard: Heard | None = None
+
+
+def judge_set(contestants: Mapping[Contestant, Sequence[Run]], folder: Path, name: str, resamples: int) -> Verdict:
+    """Judge all contestants on a labelled set; paired tests where it is new to all of them."""
+    dataset = Dataset(folder)
+    sheet = sheet_of(dataset, name, resamples=resamples)
+    answers = {who: [answer_set(run, dataset) for run in runs] for who, runs in contestants.items()}
+    rows = [row for who, given in (answers | _chance(sheet)).items() for row in judge.judge_labels(who, given, sheet)]
+    unseen = all(run.data_digest != dataset.digest for runs in contestants.values() for run in runs)
+    return Verdict(rows, list(against_yardstick(answers, sheet, metric="auc", snr_db="")) if unseen else [])
+
+
+def judge_walk(contestants: Mapping[Contestant, Sequence[Run]], walk: Walk, resamples: int) -> Verdict:
+    """Judge all contestants by the maps they leave of a survey."""
+    heard = hear(walk.folder, walk.localizer, name=walk.name, resamples=resamples)
+    snr_db = snr_of(heard)
+    answers = {who: [answer_map(run, heard) for run in runs] for who, runs in contestants.items()}
+    everyone = (_references(heard) | answers).items()
+    rows = [row for who, given in everyone for row in judge.judge_map(who, given, heard, snr_db=snr_db)]
+    paired = against_yardstick(answers, heard.sheet, metric="balanced_accuracy", snr_db=snr_db) if walk.tested else []
+    return Verdict(rows, list(paired), heard)
 
 
 def _chance(sheet: Sheet) -> dict[Contestant, list[Answer]]:
