@@ -1,6 +1,8 @@
 """The command line as its user meets it: what it says, what it leaves behind, how it exits."""
 
 import os
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -44,9 +46,9 @@ def only_set(where: Path) -> Path:
     return found
 
 
-def content(where: Path) -> dict[str, bytes]:
+def content(where: Path, pattern: str = "*") -> dict[str, bytes]:
     """Return the bytes of every file in a folder."""
-    return {path.name: path.read_bytes() for path in where.iterdir()}
+    return {path.name: path.read_bytes() for path in where.glob(pattern)}
 
 
 # ---------------------------------------------------------------- help
@@ -174,9 +176,26 @@ def test_a_set_is_made_once_verified_and_mended(elsewhere: Path, capsys: pytest.
     assert content(made) == before
 
 
+@pytest.mark.parametrize("name", ["", "name=hall"])
+def test_the_advice_against_damage_makes_the_same_again(
+    name: str, elsewhere: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = f"room.size=[5,4.5,3] room.t60=0.25 poses=3 scene.probe.length=6000 snr_db=10 {name}".split()
+    assert main(["survey", *words]) == 0
+    folder = capsys.readouterr().out.strip()
+    before = content(Path(folder) / "observations") | content(Path(folder), "*.*")
+    (Path(folder) / "poses.csv").write_text("index")
+    assert main(["verify", folder]) == 1
+    advice = capsys.readouterr().err.strip().partition("; run again: ")[2]
+    assert shlex.split(advice) == ["echolearn", "survey", *words]
+    assert main(shlex.split(advice)[1:]) == 0
+    assert content(Path(folder) / "observations") | content(Path(folder), "*.*") == before
+
+
 def test_an_interrupted_set_is_continued_to_the_same_bytes(elsewhere: Path) -> None:
-    assert main(["generate", *SMALL, "runs=undisturbed"]) == 0
-    [whole] = (elsewhere / "undisturbed" / "data").iterdir()
+    assert main(["generate", *SMALL]) == 0
+    whole = content(only_set(elsewhere))
+    shutil.rmtree("runs")
     with started("generate", *SMALL) as process:
         while process.poll() is None and not list(elsewhere.glob("runs/data/*/shard-*.json")):
             time.sleep(0.01)
@@ -186,7 +205,7 @@ def test_an_interrupted_set_is_continued_to_the_same_bytes(elsewhere: Path) -> N
     assert err.splitlines()[-1] == "error: interrupted; the same command continues with what is finished"
     assert not (only_set(elsewhere) / store.MANIFEST).exists()
     assert main(["generate", *SMALL]) == 0
-    assert content(only_set(elsewhere)) == content(whole)
+    assert content(only_set(elsewhere)) == whole
 
 
 def test_a_finished_run_is_found_without_loading_what_trains(

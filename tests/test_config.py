@@ -1,5 +1,6 @@
 """From YAML and overrides to plain containers, and from these to objects."""
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,15 @@ def test_values_lists_and_options_are_set() -> None:
     assert config["choice"]["plan"] == "tiny"
 
 
+def test_each_job_knows_the_command_line_that_makes_it_alone() -> None:
+    words = ["plan=tiny,paper", "plan.room.size=[4,5,6]", "workers=1"]
+    jobs = compose("generate", words, many=True)
+    assert [shlex.split(config["command"]) for _, config in jobs] == [
+        ["echolearn", "generate", f"plan={plan}", *words[1:]] for plan in ("tiny", "paper")
+    ]
+    assert "'plan.room.size=[4,5,6]'" in jobs[0][1]["command"]
+
+
 def test_interpolations_follow_what_was_set() -> None:
     config = one("generate", "plan.window.nearest=0.7", "scene.speed_of_sound=340.0")
     assert config["window"] == config["plan"]["window"] == config["plan"]["localizer"]["window"]
@@ -140,6 +150,7 @@ def test_unresolved_configurations_show_where_values_come_from() -> None:
         ("plan=[", "no viable alternative"),
         ("runs", "missing EQUAL"),
         ("choice.plan=x", "there is no key choice.plan"),
+        ("command=x", "there is no key command"),
         ("hydra.run.dir=x", "hydra's own settings are fixed"),
         ("hydra/launcher=basic", "hydra's own settings are fixed"),
         ("runs=${nowhere}", "nowhere"),

@@ -253,12 +253,39 @@ def test_damaged_shards_are_refused_by_name_and_mended(finished: Path, plan: Gri
         path = folder / store.shard_name(shard)
         left = damaged(whole[path.name], damage)
         path.unlink() if left is None else path.write_bytes(left)
-        with pytest.raises(BadValue, match=f"{path.name}: .*run again: echolearn generate plan=few$") as refused:
+        with pytest.raises(BadValue, match=f"{path.name}: .*; make it again as it was made$") as refused:
             Dataset(folder)
         assert "\n" not in str(refused.value)
     generate(plan, runs=tmp_path, workers=1)
     assert contents(folder) == whole
     assert len(Dataset(folder)) == 18
+
+
+def test_damage_is_named_with_the_command_that_was_given(finished: Path, plan: GridPlan, tmp_path: Path) -> None:
+    folder = copied(finished, tmp_path)
+    (folder / "shard-00002.npy").unlink()
+    generate(plan, runs=tmp_path, command="echolearn generate plan=few plan.seed=7")
+    assert folder == dataset.folder_of(plan, tmp_path)
+    (folder / "shard-00004.npy").unlink()
+    with pytest.raises(BadValue, match=r"; run again: echolearn generate plan=few plan\.seed=7$"):
+        Dataset(folder)
+    assert Dataset(finished).digest == store.digest(store.load_manifest(folder)["files"])
+
+
+@pytest.mark.parametrize("beside", [True, False])
+def test_a_damaged_manifest_is_mended(finished: Path, plan: GridPlan, tmp_path: Path, beside: bool) -> None:
+    """With the checksums beside the shards, as after a crash in `finish`, no shard is touched."""
+    folder = copied(finished, tmp_path)
+    whole, path = contents(folder), folder / store.MANIFEST
+    entries = store.load_manifest(folder)["files"] if beside else {}
+    for name, entry in entries.items():
+        store.save_json(store.sidecar(folder / name), entry)
+    path.write_bytes(whole[path.name].replace(b'"rows": 18', b'"rows": 19'))
+    written = [(folder / store.shard_name(shard)).stat().st_mtime_ns for shard in range(5)]
+    generate(plan, runs=tmp_path, workers=2)
+    assert contents(folder) == whole
+    again = [(folder / store.shard_name(shard)).stat().st_mtime_ns for shard in range(5)]
+    assert (again == written) is beside
 
 
 @pytest.mark.parametrize("workers", [0, 1.5, "two"])

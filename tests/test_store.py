@@ -283,6 +283,24 @@ def test_a_manifest_that_is_none_is_refused(tmp_path: Path, content: bytes) -> N
         store.verify(tmp_path)
 
 
+def test_the_metrics_of_a_run_are_a_manifest_too(tmp_path: Path) -> None:
+    store.save_json(tmp_path / "config.json", {"seed": 1})
+    written = store.finish(tmp_path, {"auc": 0.5}, ["config.json"], last=store.METRICS)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["config.json", "metrics.json"]
+    assert store.verify(tmp_path) == written == store.load_json(tmp_path / store.METRICS)
+    content = (tmp_path / store.METRICS).read_bytes().replace(b"0.5", b"0.7")
+    (tmp_path / store.METRICS).write_bytes(content)
+    with pytest.raises(BadValue, match=r"metrics\.json: damaged, its SHA-256 differs; make it again as it was made$"):
+        store.verify(tmp_path)
+
+
+def test_what_comes_back_is_what_was_stamped(tmp_path: Path) -> None:
+    """Tuples become lists, as in JSON, and a stamp does not count itself."""
+    once = store.stamped({"a": (1, 2)})
+    assert once["a"] == [1, 2]
+    assert store.stamped(once) == once
+
+
 def test_a_folder_without_manifest_is_not_finished(tmp_path: Path) -> None:
     with pytest.raises(BadValue, match="not finished"):
         store.verify(tmp_path)

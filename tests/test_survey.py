@@ -98,9 +98,26 @@ def test_a_damaged_survey_is_named_and_made_again(finished: Path, walk: Walk, tm
     content = bytearray((folder / name).read_bytes())
     content[len(content) // 2] ^= 1
     (folder / name).write_bytes(bytes(content))
-    with pytest.raises(BadValue, match=f"{name}: damaged"):
+    with pytest.raises(BadValue, match=f"{name}: (damaged|cannot be read)"):
         store.verify(folder)
     walk(tmp_path)
+    assert contents(folder) == contents(finished)
+
+
+def test_damage_is_named_with_the_command_that_was_given(finished: Path, walk: Walk, tmp_path: Path) -> None:
+    folder = copied(finished, tmp_path)
+    (folder / "observations/0002.wav").unlink()
+    with pytest.raises(BadValue, match="; make it again as it was made$"):
+        store.verify(folder)
+    walk(tmp_path, command="echolearn survey name=few poses=4")
+    (folder / "observations/0002.wav").unlink()
+    with pytest.raises(BadValue, match="; run again: echolearn survey name=few poses=4$"):
+        store.verify(folder)
+
+
+def test_another_wording_of_the_same_settings_is_the_same_survey(finished: Path, walk: Walk, tmp_path: Path) -> None:
+    folder = copied(finished, tmp_path)
+    walk(tmp_path, command="echolearn survey name=few poses=4", snr_db=5)
     assert contents(folder) == contents(finished)
 
 
@@ -113,10 +130,14 @@ def test_an_unfinished_survey_is_finished(finished: Path, walk: Walk, tmp_path: 
     assert contents(folder) == contents(finished)
 
 
+@pytest.mark.parametrize("damaged", [False, True])
 def test_other_settings_under_the_same_name_are_refused(
-    finished: Path, walk: Walk, brief: Scene, tmp_path: Path
+    finished: Path, walk: Walk, brief: Scene, tmp_path: Path, damaged: bool
 ) -> None:
     folder = copied(finished, tmp_path)
+    if damaged:
+        (folder / "observations/0001.wav").write_bytes(b"half")
+    before = contents(folder)
     changes = (
         {"snr_db": 6.0},
         {"poses": 5},
@@ -129,7 +150,7 @@ def test_other_settings_under_the_same_name_are_refused(
         with pytest.raises(BadValue, match=r"^name=few: .* was made with others$") as refused:
             walk(tmp_path, **change)
         assert "\n" not in str(refused.value)
-    assert contents(folder) == contents(finished)
+    assert contents(folder) == before
 
 
 @pytest.mark.parametrize(

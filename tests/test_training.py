@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -66,8 +67,10 @@ def toy(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return make_set(tmp_path_factory.mktemp("toy"), positions=150, each=2)
 
 
-def train(task: Task, keys: dict[str, Any], runs: Path, *, name: str = "some", folds: int = 0) -> dict[str, Any]:
-    return training.train(task, name=name, classifier=lambda: config.build(keys), config=keys, runs=runs, folds=folds)
+def train(task: Task, keys: dict[str, Any], runs: Path, **more: Any) -> dict[str, Any]:
+    return training.train(
+        task, **{"name": "some", "classifier": lambda: config.build(keys), "config": keys, "runs": runs, **more}
+    )
 
 
 def never() -> Any:
@@ -102,12 +105,13 @@ class TestDivision:
         assert np.array_equal(tests[0], tests[1]) and not np.array_equal(tests[0], tests[2])
 
 
+COMMAND = "echolearn train seed=2 'classifier.inputs=[score]'"
 Done = tuple[Task, dict[str, Any], Path, dict[str, Any]]
 
 
 def finish(toy: Dataset, keys: dict[str, Any], runs: Path) -> Done:
     task = Task(toy, seed=2)
-    return task, keys, runs, train(task, keys, runs)
+    return task, keys, runs, train(task, keys, runs, command=COMMAND)
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +145,7 @@ class TestRun:
         values = metrics.evaluate_labels(task.labels()[test], confidence, threshold=result["threshold"])
         assert float(values["auc"]) == pytest.approx(result["test"]["auc"], abs=1e-3)
         assert float(values["balanced_accuracy"]) == pytest.approx(result["test"]["balanced_accuracy"], abs=0.02)
-        assert result["test"]["auc"] > 0.85 and result["rows"]["test"] == 60 and result["model"]["parity"] <= 1e-5
+        assert result["test"]["auc"] > 0.85 and result["rows"]["test"] == 60 and result["parity"] <= 1e-5
 
     def test_finished_runs_are_skipped(self, done: Done) -> None:
         task, keys, runs, result = done
@@ -174,16 +178,29 @@ class TestTrust:
         _, _, runs, result = threshold
         return Path(shutil.copytree(runs / "train" / result["run"], tmp_path / "train" / result["run"]))
 
-    def test_a_damaged_model_is_refused_and_mended(self, toy: Dataset, run: Path, tmp_path: Path) -> None:
-        model = run / "model.onnx"
-        whole = model.read_bytes()
-        model.write_bytes(whole[:100] + bytes([whole[100] ^ 1]) + whole[101:])
-        advice = "run again: echolearn train classifier=some plan=toy seed=2"
-        with pytest.raises(BadValue, match=rf"model\.onnx: damaged.*{advice}"):
-            training.load_scorer(run)
-        expected = (run / "metrics.json").read_bytes()
-        train(Task(toy, seed=2), THRESHOLD, tmp_path)
-        assert model.read_bytes() == whole and (run / "metrics.json").read_bytes() == expected
+    @pytest.mark.parametrize("name", ["model.onnx", "config.json", "metrics.json"])
+    def test_any_flipped_bit_is_refused_and_mended(self, toy: Dataset, run: Path, tmp_path: Path, name: str) -> None:
+        expected = {path.name: path.read_bytes() for path in run.iterdir() if path.suffix in (".json", ".onnx")}
+        whole = expected[name]
+        advice = store.MEND if name == "metrics.json" else f"run again: {re.escape(COMMAND)}"
+        for place in range(0, len(whole), len(whole) // 40):
+            (run / name).write_bytes(whole[:place] + bytes([whole[place] ^ 1 << place % 8]) + whole[place + 1 :])
+            with pytest.raises(BadValue, match=rf"{name}: .*; {advice}$"):
+                store.verify(run)
+            with pytest.raises(BadValue, match=f"{name}: "):
+                training.load_scorer(run)
+        train(Task(toy, seed=2), THRESHOLD, tmp_path, command=COMMAND)
+        assert {key: (run / key).read_bytes() for key in expected if key != "timing.json"} == {
+            key: content for key, content in expected.items() if key != "timing.json"
+        }
+
+    def test_a_finished_run_names_every_file_that_counts(self, run: Path) -> None:
+        assert set(store.verify(run)["files"]) == {"config.json", "model.onnx"}
+
+    def test_another_wording_is_the_same_run(self, toy: Dataset, run: Path, tmp_path: Path) -> None:
+        before = (run / "metrics.json").read_bytes()
+        result = train(Task(toy, seed=2), THRESHOLD, tmp_path, classifier=never, command="echolearn train seed=2")
+        assert result["command"] == COMMAND and (run / "metrics.json").read_bytes() == before
 
     def test_a_renamed_run_is_not_taken_for_another(self, toy: Dataset, run: Path, tmp_path: Path) -> None:
         identity = store.load_json(run / "config.json")

@@ -44,7 +44,8 @@ def generate(config: Config) -> None:
     from echolearn import dataset
     from echolearn.config import build
 
-    print(dataset.generate(build(config["plan"], "plan"), runs=Path(config["runs"]), workers=config["workers"]))
+    plan, runs = build(config["plan"], "plan"), Path(config["runs"])
+    print(dataset.generate(plan, runs=runs, workers=config["workers"], command=config["command"]))
 
 
 def train(config: Config) -> None:
@@ -68,6 +69,7 @@ def train(config: Config) -> None:
         config=about,
         runs=runs,
         folds=config["folds"],
+        command=config["command"],
     )
     print(runs / "train" / result["run"])
 
@@ -94,7 +96,7 @@ def compare(config: Config) -> None:
     from echolearn.config import build, without
 
     readme = Path(config["readme"]) if config["readme"] else None
-    judge(**build(without(config, "choice window runs readme")), runs=Path(config["runs"]), readme=readme)
+    judge(**build(without(config, "choice command window runs readme")), runs=Path(config["runs"]), readme=readme)
 
 
 def verify(folders: Sequence[str]) -> None:

@@ -12,6 +12,7 @@ defined counts, not where it was found. Errors of the called come through as the
 
 import copy
 import inspect
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import cache, partial
@@ -98,6 +99,8 @@ def compose(
 ) -> list[tuple[str, Config]]:
     """Return every job of a command line: what was swept, in words, and its configuration as plain containers.
 
+    Key `choice` of a configuration holds the option chosen in each group, `command` the command line of this job alone.
+
     All are composed before the first one runs, so a slip in the last stops them all.
 
     Args:
@@ -118,16 +121,17 @@ def compose(
     try:
         with initialize_config_dir(version_base="1.3", config_dir=str(folder())):
             join = cache(partial(_join, command))
-            for name, choosing, values in _expand(words, many=many):
+            for name, job, choosing, values in _expand(words, many=many):
                 config = _configure(join, choosing, values)
-                jobs.append((name, OmegaConf.to_container(config, resolve=resolve, throw_on_missing=resolve)))
+                plain: Any = OmegaConf.to_container(config, resolve=resolve, throw_on_missing=resolve)
+                jobs.append((name, {**plain, "command": shlex.join(["echolearn", command, *job])}))
     except (HydraException, OmegaConfBaseException) as error:
         raise UsageError(str(error).split("\nSee http")[0]) from error
     return jobs
 
 
-def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, list[str], list["Override"]]]:
-    """Yield each combination of the swept values: what is swept, in words, the options to choose, the values to set."""
+def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, Sequence[str], list[str], list["Override"]]]:
+    """Yield each combination of the swept values: what is swept, all words, the options chosen, the values set."""
     from hydra.core.global_hydra import GlobalHydra
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
@@ -139,6 +143,7 @@ def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, list[str
         swept = [word for word, override in zip(job, given, strict=True) if override.is_sweep_override()]
         yield (
             " ".join(swept),
+            job,
             [word for word in job if chooses(word)],
             [parse(word) for word in job if not chooses(word)],
         )

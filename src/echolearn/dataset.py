@@ -16,7 +16,7 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from hashlib import sha256
 from itertools import groupby
 from multiprocessing import get_context
@@ -59,13 +59,14 @@ def folder_of(plan: Plan, runs: Path) -> Path:
     return Path(runs) / "data" / f"{plan.name}-{store.digest({'format': FORMAT, 'plan': plain(plan)})}"
 
 
-def generate(plan: Plan, *, runs: Path, workers: int = 1) -> Path:
+def generate(plan: Plan, *, runs: Path, workers: int = 1, command: str | None = None) -> Path:
     """Simulate, estimate, describe and label every row of a plan; finished shards are kept, a finished set is skipped.
 
     Args:
         plan: what to observe.
         runs: folder of everything generated.
         workers: processes; the result does not depend on their number.
+        command: what makes the set again, for the manifest; None says nothing about it.
 
     Returns:
         The set's folder, complete.
@@ -80,9 +81,9 @@ def generate(plan: Plan, *, runs: Path, workers: int = 1) -> Path:
     missing = store.missing_shards(folder, len(names))
     if missing:
         _simulate(plan, folder, missing, done=len(names) - len(missing), workers=workers)
-    if missing or not (folder / store.MANIFEST).is_file():
+    if missing or not store.is_finished(folder):
         about = {"kind": "set", "format": FORMAT, "rows": len(plan), "plan": plain(plan)}
-        store.finish(folder, {**about, "command": f"echolearn generate plan={plan.name}"}, names)
+        store.finish(folder, about | store.made_by(command), names)
     return folder
 
 
@@ -192,10 +193,11 @@ class Dataset:
         check(self.manifest.get("kind") == "set", "set", self.folder, allowed="a folder written by echolearn generate")
         self.name: str = self.manifest["plan"]["name"]
         self.digest: str = store.digest(self.manifest["files"])
-        mend = f"run again: {self.manifest['command']}"
+        mend = store.advice(self.manifest)
         files = sorted(self.manifest["files"].items())
         self._shards = [
-            store.open_array(self.folder / name, size=entry["bytes"], sha256=entry["sha256"], mend=mend) for name, entry in files
+            store.open_array(self.folder / name, size=entry["bytes"], sha256=entry["sha256"], mend=mend)
+            for name, entry in files
         ]
 
     def __len__(self) -> int:

@@ -28,9 +28,10 @@ import numpy as np
 from echolearn.types import Array, BadValue
 
 MANIFEST = "manifest.json"
-"""Written last: a folder without it is not finished."""
+METRICS = "metrics.json"
+"""A folder is finished when it has one of the two: a manifest, or the metrics of a trained run."""
 
-MEND = "run the command that made it again"
+MEND = "make it again as it was made"
 """What to do about a damaged file whose manifest names no `command`."""
 
 
@@ -168,37 +169,57 @@ def one_line(error: BaseException) -> str:
     return " ".join(str(error).split())
 
 
-def finish(folder: Path, manifest: Mapping[str, Any], files: Iterable[str]) -> None:
+def finish(folder: Path, about: Mapping[str, Any], files: Iterable[str], *, last: str = MANIFEST) -> dict[str, Any]:
     """Declare a folder finished: write its manifest, with size and SHA-256 of each file, last of all.
 
     Args:
         folder: where the files are.
-        manifest: what describes them; the key `command`, if any, is what `verify` advises against damage.
+        about: what describes them; the key `command`, if any, is what `verify` advises against damage.
         files: their names, relative to `folder`.
+        last: name of the manifest, `MANIFEST` or `METRICS`.
+
+    Returns:
+        The manifest.
     """
     folder = Path(folder)
     entries = {name: {"bytes": (folder / name).stat().st_size, "sha256": sha256(folder / name)} for name in files}
-    content = {**manifest, "files": entries}
-    save_json(folder / MANIFEST, {**content, "sha256": hashlib.sha256(canonical(content)).hexdigest()})
+    manifest = stamped({**about, "files": entries})
+    save_json(folder / last, manifest)
     for spent in folder.glob("shard-*.json"):
         spent.unlink()
+    return manifest
+
+
+def stamped(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return plain containers with the SHA-256 of all the rest under the key `sha256`, as JSON gives them back."""
+    rest = {key: value for key, value in content.items() if key != "sha256"}
+    text = canonical(rest)
+    return {**json.loads(text), "sha256": hashlib.sha256(text).hexdigest()}
 
 
 def load_manifest(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a finished folder, proved against its own checksum.
+    """Return the manifest of a finished folder, or a run's metrics, proved against its own checksum.
 
     Raises:
         BadValue: the folder is not finished, or the manifest is damaged.
     """
-    path = Path(folder) / MANIFEST
-    if not path.is_file():
-        raise BadValue(f"{folder}: not finished, there is no {MANIFEST}; {MEND}")
-    manifest = load_json(path)
-    content = {key: value for key, value in manifest.items() if key != "sha256"} if isinstance(manifest, dict) else {}
-    stamp = {**content, "sha256": hashlib.sha256(canonical(content)).hexdigest()}
-    if "files" not in content or readable(stamp) != path.read_bytes():
-        raise BadValue(f"{path}: damaged, its SHA-256 differs; {MEND}")
-    return stamp
+    last = [path for path in (Path(folder) / MANIFEST, Path(folder) / METRICS) if path.is_file()]
+    if not last:
+        raise BadValue(f"{folder}: not finished, there is no {MANIFEST} or {METRICS}; {MEND}")
+    found = load_json(last[0])
+    manifest = stamped(found if isinstance(found, dict) else {})
+    if "files" not in manifest or readable(manifest) != last[0].read_bytes():
+        raise BadValue(f"{last[0]}: damaged, its SHA-256 differs; {MEND}")
+    return manifest
+
+
+def is_finished(folder: Path) -> bool:
+    """Tell whether a folder has a sound manifest."""
+    try:
+        load_manifest(folder)
+    except BadValue:
+        return False
+    return True
 
 
 def verify(folder: Path) -> dict[str, Any]:
@@ -211,6 +232,11 @@ def verify(folder: Path) -> dict[str, Any]:
     for name, entry in manifest["files"].items():
         prove(Path(folder) / name, size=entry["bytes"], expected=entry["sha256"], mend=advice(manifest))
     return manifest
+
+
+def made_by(command: str | None) -> dict[str, str]:
+    """Return what a manifest says about the command that made it: nothing if there was none."""
+    return {} if command is None else {"command": command}
 
 
 def advice(manifest: Mapping[str, Any]) -> str:

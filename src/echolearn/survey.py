@@ -14,7 +14,16 @@ from echolearn.types import BadValue, Pose, Room, check, check_number, check_who
 
 
 def survey(
-    *, name: str, room: Room, scene: Scene, snr_db: float, poses: int = 160, start: float = 0.6, seed: int = 0, runs: Path
+    *,
+    name: str,
+    room: Room,
+    scene: Scene,
+    snr_db: float,
+    poses: int = 160,
+    start: float = 0.6,
+    seed: int = 0,
+    runs: Path,
+    command: str | None = None,
 ) -> Path:
     """Walk through a room, listen at every pose, store the recordings; a finished survey is skipped.
 
@@ -27,6 +36,7 @@ def survey(
         start: polar angle at which the walk begins, in rad.
         seed: of the noise; pose p draws from `SeedSequence(seed, spawn_key=(p,))`.
         runs: folder of everything generated.
+        command: what makes the survey again, for the manifest; None says nothing about it.
 
     Returns:
         The survey's folder, complete.
@@ -42,13 +52,16 @@ def survey(
     for pose in walk:
         check_inside(room, scene.array, pose)
     folder = Path(runs) / "survey" / name
-    about = {"kind": "survey", "made_from": plain({"room": room, "scene": scene, "walk": walk, "snr_db": float(snr_db), "seed": seed})}
+    about = {
+        "kind": "survey",
+        "made_from": plain({"room": room, "scene": scene, "walk": walk, "snr_db": float(snr_db), "seed": seed}),
+    }
     if _is_finished(folder, about):
         return folder
     store.clean(folder)
     _write(folder, walk, room=room, scene=scene, snr_db=snr_db, seed=seed)
     files = ["survey.yaml", "probe.wav", "poses.csv", *_names(walk)]
-    store.finish(folder, {**about, "command": f"echolearn survey name={name}"}, files)
+    store.finish(folder, about | store.made_by(command), files)
     return folder
 
 
@@ -59,12 +72,16 @@ def _names(walk: list[Pose]) -> list[str]:
 def _is_finished(folder: Path, about: dict[str, object]) -> bool:
     """Tell whether the survey stands there whole; one made otherwise is refused, a damaged one is made again."""
     try:
-        manifest = store.verify(folder)
+        manifest = store.load_manifest(folder)
     except BadValue:
         return False
     same = all(manifest.get(key) == value for key, value in about.items())
     allowed, hint = "the name of a survey made with the same settings, or a new one", f"{folder} was made with others"
     check(same, "name", folder.name, allowed=allowed, hint=hint)
+    try:
+        store.verify(folder)
+    except BadValue:
+        return False
     return True
 
 
@@ -77,7 +94,12 @@ def _write(folder: Path, walk: list[Pose], *, room: Room, scene: Scene, snr_db: 
     padded = np.pad(scene.probe.samples, (0, scene.probe.length - len(scene.probe.samples)))
     store.write_atomic(folder / "probe.wav", recording.wav_bytes(padded, scene.probe.sample_rate))
     store.write_atomic(folder / "poses.csv", recording.poses_csv(walk, names))
-    conditions = {"snr_db": float(snr_db), "noise": type(scene.noise).__name__.lower(), "room": list(room.size), "t60": room.t60}
+    conditions = {
+        "snr_db": float(snr_db),
+        "noise": type(scene.noise).__name__.lower(),
+        "room": list(room.size),
+        "t60": room.t60,
+    }
     about = recording.describe(
         scene.array, scene.probe, speed_of_sound=scene.speed_of_sound, walls=outline(room), conditions=conditions
     )

@@ -42,6 +42,7 @@ def train(
     config: Mapping[str, Any],
     runs: Path,
     folds: int = 0,
+    command: str | None = None,
 ) -> dict[str, Any]:
     """Fit, calibrate, export and judge one classifier, unless that has been done.
 
@@ -52,6 +53,7 @@ def train(
         config: what `classifier` is made from, as plain containers; part of the run's identity.
         runs: folder of everything generated.
         folds: also cross-validate on all that is not for testing (the paper has 5); 0 for not.
+        command: what makes the run again, for its metrics; None says nothing about it.
 
     Returns:
         The content of the run's `metrics.json`.
@@ -68,31 +70,34 @@ def train(
     from echolearn.classify.board import writable
 
     with writable(folder):
-        return run(task, classifier, identity, folder)
+        return run(task, classifier, identity, folder, about=store.made_by(command))
 
 
 def finished(folder: Path, identity: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return a run's metrics if it is finished and its model whole, else None.
+    """Return a run's metrics if it is finished and whole, else None.
 
     Raises:
         BadValue: the folder holds a run of another configuration.
     """
     try:
+        result = store.verify(folder)
         config = store.load_json(folder / "config.json")
     except BadValue:
         return None
     same = store.canonical(config) == store.canonical(identity)
     check(same, str(folder), "another run", allowed="the run its name stands for", hint="was it renamed? remove it")
-    try:
-        result: dict[str, Any] = store.load_json(folder / "metrics.json")
-        store.prove(folder / "model.onnx", size=result["model"]["bytes"], expected=result["model"]["sha256"])
-    except (BadValue, KeyError, TypeError):
-        return None
     return result
 
 
-def run(task: Task, classifier: Callable[[], Classifier], identity: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Do all the work of one run in an empty `folder` and return its metrics."""
+def run(
+    task: Task,
+    classifier: Callable[[], Classifier],
+    identity: Mapping[str, Any],
+    folder: Path,
+    *,
+    about: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Do all the work of one run in an empty `folder` and return its metrics, with what is said `about` it."""
     began = time.monotonic()
     model = classifier()
     x, y, parts = task.inputs(model.inputs), task.labels(), task.parts()
@@ -104,23 +109,22 @@ def run(task: Task, classifier: Callable[[], Classifier], identity: Mapping[str,
         "run": folder.name,
         "name": identity["name"],
         **task.identity(),
-        "command": f"echolearn train classifier={identity['name']} plan={task.dataset.name} seed={task.seed}",
+        **about,
         "inputs": list(model.inputs),
         "rows": {part: len(rows) for part, rows in parts._asdict().items()},
         "threshold": fitted.threshold,
         "calibration": {"slope": fitted.slope, "intercept": fitted.intercept},
         "grid_search": getattr(model, "cross_validation", None),
         "cross_validation": cross_validate(classifier, task, x, y, folds=identity["folds"], folder=folder),
-        "model": export(fitted, x[parts.test], folder),
+        "parity": export(fitted, x[parts.test], folder),
         "validation": judge(fitted, x[parts.validation], y[parts.validation]),
         "test": judge(fitted, x[parts.test], y[parts.test]),
     }
     log(folder, identity, result, reference=y[parts.test], confidence=fitted.confidence(x[parts.test]))
     seconds = {"fit": round(fitting, 3), "total": round(time.monotonic() - began, 3)}
     store.save_json(folder / "timing.json", seconds)
-    store.save_json(folder / "metrics.json", result)
     say(result, seconds["total"])
-    return result
+    return store.finish(folder, result, ["config.json", "model.onnx"], last=store.METRICS)
 
 
 def fit(model: Classifier, task: Task, x: Array, y: Array, *, parts: Parts, folder: Path) -> Calibrated:
@@ -152,13 +156,13 @@ def cross_validate(
     return {name: {"mean": float(v.mean()), "sd": float(v.std(ddof=1))} for name, v in table.items()}
 
 
-def export(fitted: Calibrated, x: Array, folder: Path) -> dict[str, Any]:
-    """Write `model.onnx`, proved on inputs `x` (B, ...), and return its size, SHA-256 and parity."""
+def export(fitted: Calibrated, x: Array, folder: Path) -> float:
+    """Write `model.onnx`, proved on inputs `x` (B, ...); return the largest difference in confidence from `fitted`."""
     from echolearn.classify import onnx_model
 
     data, parity = onnx_model.export(fitted, x)
     store.write_atomic(folder / "model.onnx", data)
-    return {"bytes": len(data), "sha256": store.sha256(folder / "model.onnx"), "parity": parity}
+    return float(parity)
 
 
 def log(
@@ -191,14 +195,10 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
         Maps raw inputs, (B, K) columns or (B, bands, M * M), to confidences (B,).
 
     Raises:
-        BadValue: the run is not finished, or its model is missing or damaged.
+        BadValue: the run is not finished, or a file of it is missing or damaged.
     """
     from echolearn.classify.onnx_model import open_onnx
 
-    folder = Path(folder)
-    check((folder / "metrics.json").is_file(), "run", folder, allowed="a finished run; there is no metrics.json")
-    result = store.load_json(folder / "metrics.json")
-    path, model = folder / "model.onnx", result["model"]
-    store.prove(path, size=model["bytes"], expected=model["sha256"], mend=f"run again: {result['command']}")
-    score = open_onnx(path.read_bytes())
+    result = store.verify(folder)
+    score = open_onnx((Path(folder) / "model.onnx").read_bytes())
     return lambda x: score(as_input(x, result["inputs"]))
