@@ -116,4 +116,4 @@ def test_the_comparison_asks_for_sets_that_have_plans_and_surveys_that_have_name
     assert set(config["tested"]) <= set(PLANS)
     rooms = {path.stem for path in (folder() / "room").glob("*.yaml")}
     levels = ["snr_db=-10,-5,0,10,40", f"room={','.join(sorted(rooms))}"]
-    assert set(config["surveys"]) == {job["name"] for _, job in compose("survey", levels, many=True)}
+    assert set(config["surveys"]) <= {job["name"] for _, job in compose("survey", levels, many=True)}

@@ -145,7 +145,7 @@ class TestRun:
         values = metrics.evaluate_labels(task.labels()[test], confidence, threshold=result["threshold"])
         assert float(values["auc"]) == pytest.approx(result["test"]["auc"], abs=1e-3)
         assert float(values["balanced_accuracy"]) == pytest.approx(result["test"]["balanced_accuracy"], abs=0.02)
-        assert result["test"]["auc"] > 0.85 and result["rows"]["test"] == 60 and result["parity"] <= 1e-5
+        assert result["test"]["auc"] > 0.85 and result["rows"]["test"] == 60 and result["model"]["parity"] <= 1e-5
 
     def test_finished_runs_are_skipped(self, done: Done) -> None:
         task, keys, runs, result = done

@@ -116,7 +116,7 @@ def run(
         "calibration": {"slope": fitted.slope, "intercept": fitted.intercept},
         "grid_search": getattr(model, "cross_validation", None),
         "cross_validation": cross_validate(classifier, task, x, y, folds=identity["folds"], folder=folder),
-        "parity": export(fitted, x[parts.test], folder),
+        "model": export(fitted, x[parts.test], folder),
         "validation": judge(fitted, x[parts.validation], y[parts.validation]),
         "test": judge(fitted, x[parts.test], y[parts.test]),
     }
@@ -156,13 +156,13 @@ def cross_validate(
     return {name: {"mean": float(v.mean()), "sd": float(v.std(ddof=1))} for name, v in table.items()}
 
 
-def export(fitted: Calibrated, x: Array, folder: Path) -> float:
-    """Write `model.onnx`, proved on inputs `x` (B, ...); return the largest difference in confidence from `fitted`."""
+def export(fitted: Calibrated, x: Array, folder: Path) -> dict[str, Any]:
+    """Write `model.onnx`, proved on inputs `x` (B, ...), and return its SHA-256 and parity."""
     from echolearn.classify import onnx_model
 
     data, parity = onnx_model.export(fitted, x)
     store.write_atomic(folder / "model.onnx", data)
-    return float(parity)
+    return {"sha256": store.sha256(folder / "model.onnx"), "parity": parity}
 
 
 def log(
