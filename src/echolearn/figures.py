@@ -164,9 +164,10 @@ def bands(lines: Mapping[str, Sequence[Row]]) -> str:
         axis.axhline(0.5, color=GREY, linestyle="--", linewidth=1)
         axis.set_xticks(range(len(names)), [name.replace(":", " to ") + " dB" for name in names])
         axis.set(ylabel="AUC", xlabel="SNR band", ylim=(0.3, 1.02))
-        axis.legend(loc="lower right", fontsize=8)
+        handles, labels = axis.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=4)
 
-    return draw(paint, width=9.2, height=4.0)
+    return draw(paint, width=9.2, height=4.4)
 
 
 def belief(answers: Mapping[str, Answer], sheet: Sheet) -> str:

@@ -23,6 +23,7 @@ from echolearn.tables import (
     Comparison,
     chosen,
     directions,
+    drawn,
     gather,
     headline_set,
     levels,
@@ -105,8 +106,8 @@ def shade(value: float) -> str:
 
 def draw_all(contest: Comparison, *, source: str, best: str) -> dict[str, str]:
     """Return every figure as SVG, by name."""
-    drawn = draw_sets(contest, source=source)
-    return drawn | draw_maps(contest, source=source, best=best) if contest.heard else drawn
+    about_sets = draw_sets(contest, source=source)
+    return about_sets | draw_maps(contest, source=source, best=best) if contest.heard else about_sets
 
 
 def draw_sets(contest: Comparison, *, source: str) -> dict[str, str]:
@@ -114,12 +115,12 @@ def draw_sets(contest: Comparison, *, source: str) -> dict[str, str]:
     from echolearn import figures
 
     names = list(contest.sets)
-    away = next((name for name in reversed(names) if name.startswith("offgrid")), names[-1])
+    away = next((name for name in names if name.startswith("offgrid")), names[-1])
     lines = pick(contest.rows, seed="", tested_on=away, metric="auc", trained_on=source)
-    labels = dict.fromkeys(row["classifier"] for row in lines)
+    labels = drawn(contest, source)
     banded = {name: [row for row in pick(lines, classifier=name) if ":" in row["snr_db"]] for name in labels}
     dataset = contest.sets[away]
-    answers = {name: answer_set(runs[0], dataset) for (name, origin), runs in contest.runs.items() if origin == source}
+    answers = {name: answer_set(contest.runs[name, source][0], dataset) for name in labels}
     times = {name: (1e3 * contest.sets[name]["toa"], contest.sets[name]["reflector"]) for name in (names[0], away)}
     return {
         "bands": figures.bands(banded),
@@ -157,7 +158,8 @@ def panels(contest: Comparison, snr_db: str, *, source: str, best: str) -> list[
 def quality(contest: Comparison, whole: Sequence[Row], source: str) -> dict[str, dict[str, list[Row]]]:
     """Return balanced accuracy over SNR by room and classifier, with the main direction."""
     found: dict[str, dict[str, list[Row]]] = {}
-    for row in pick(whole, metric="balanced_accuracy", trained_on=source):
+    names = tuple(drawn(contest, source))
+    for row in pick(whole, metric="balanced_accuracy", trained_on=source, classifier=names):
         walk, _, heard_by = row["tested_on"].partition("/")
         if heard_by == main_localizer(contest):
             found.setdefault(room_of(walk), {}).setdefault(row["classifier"], []).append(row)

@@ -50,15 +50,27 @@ def is_learned(classifier: str) -> bool:
     return not classifier.startswith(("threshold_", "keep_", "oracle", "chance"))
 
 
-def chosen(contest: Comparison, trained_on: str) -> str:
-    """Return the learned classifier with the best balanced accuracy on its own validation rows: no test set is asked."""
+def validated(contest: Comparison, trained_on: str) -> dict[str, float]:
+    """Return each classifier's balanced accuracy on its own validation rows, mean over seeds, the best first."""
     scores = {
         name: mean(run.metrics["validation"]["balanced_accuracy"] for run in runs)
         for (name, source), runs in contest.runs.items()
         if source == trained_on
     }
-    candidates = [name for name in sorted(scores) if is_learned(name)] or sorted(scores)
-    return max(candidates, key=scores.__getitem__)
+    return dict(sorted(scores.items(), key=lambda item: (-item[1], item[0])))
+
+
+def chosen(contest: Comparison, trained_on: str) -> str:
+    """Return the learned classifier that did best on its own validation rows: no test set is asked."""
+    ranked = list(validated(contest, trained_on))
+    return next((name for name in ranked if is_learned(name)), ranked[0])
+
+
+def drawn(contest: Comparison, trained_on: str) -> list[str]:
+    """Return the classifiers whose curves are drawn: the best of each family, the paper's pair, the literature's net."""
+    ranked = list(validated(contest, trained_on))
+    families = {name.partition("_")[0]: name for name in reversed(ranked)}
+    return [name for name in ranked if name in {*families.values(), "svm_pair", "covnet"}]
 
 
 def headline_set(contest: Comparison) -> str:
