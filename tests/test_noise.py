@@ -1,4 +1,4 @@
-"""Every noise, found by its YAML file: the level on which every SNR rests, its shape, and where its chance comes from."""
+"""Every noise, found by its YAML file: the level on which every SNR rests, its shape, whom it draws from."""
 
 from functools import cache
 from itertools import combinations

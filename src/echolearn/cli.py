@@ -1,13 +1,14 @@
-"""The commands: `echolearn <command> [overrides]`; the only importer of hydra.
+"""The commands: `echolearn <command> [overrides]`.
 
 Hydra composes what a command shall do from `conf/<command>.yaml`, its groups and the overrides; with `-m` the command
 runs once for every combination of the swept values. A command here receives plain containers, builds what they
-describe, and calls the library. Whatever goes wrong ends as one line on stderr and a status that is not zero.
+describe, calls the library, and returns where the result is. Whatever goes wrong ends as one line on stderr and a
+status that is not zero.
 """
 
 import os
 import sys
-import traceback
+from argparse import ArgumentError, ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -29,26 +30,23 @@ options:
   --help       of a command: its groups and keys
   --cfg        show the whole configuration instead of running it
   -m           run once for every combination: seed=0,1,2 classifier=svm_pair,trees_features
+  -j N         of these, N at a time; or hydra/launcher=joblib, submitit_slurm ... with hydra.launcher.<key>=<value>
   --traceback  show where in the code an error arose
 
 More than this is in Hydra's override grammar: key=[1,2] is one list, 'classifier=glob(*)' sweeps over all options.
 """
 
 
-class JobsFailed(Exception):
-    """Some jobs of a multirun failed; each has been reported."""
-
-
-def generate(config: Config) -> None:
+def generate(config: Config) -> Path:
     """Make the labelled set of a plan; continues where it was interrupted."""
     from echolearn import dataset
     from echolearn.config import build
 
     plan, runs = build(config["plan"], "plan"), Path(config["runs"])
-    print(dataset.generate(plan, runs=runs, workers=config["workers"], command=config["command"]))
+    return dataset.generate(plan, runs=runs, workers=config["workers"], command=config["command"])
 
 
-def train(config: Config) -> None:
+def train(config: Config) -> Path:
     """Train a classifier on the set of a plan, calibrate, export and judge it."""
     from echolearn.config import build
     from echolearn.dataset import folder_of
@@ -71,7 +69,7 @@ def train(config: Config) -> None:
         folds=config["folds"],
         command=config["command"],
     )
-    print(runs / "train" / result["run"])
+    return runs / "train" / str(result["run"])
 
 
 @cache
@@ -82,12 +80,12 @@ def open_set(folder: Path) -> "Dataset":
     return Dataset(folder)
 
 
-def survey(config: Config) -> None:
+def survey(config: Config) -> Path:
     """Simulate a robot's walk through a room and store its recordings."""
     from echolearn.config import build, without
     from echolearn.survey import survey as walk
 
-    print(walk(**build(without(config, "choice rir noise runs")), runs=Path(config["runs"])))
+    return walk(**build(without(config, "choice rir noise runs")), runs=Path(config["runs"]))
 
 
 def compare(config: Config) -> None:
@@ -99,18 +97,14 @@ def compare(config: Config) -> None:
     judge(**build(without(config, "choice command window runs readme")), runs=Path(config["runs"]), readme=readme)
 
 
-def verify(folders: Sequence[str]) -> None:
+def verify(folder: str) -> str:
     """Re-prove finished folders: the size and checksum of every file."""
     from echolearn import store
-    from echolearn.config import UsageError
 
-    if not folders or folders[0].startswith("-"):
-        raise UsageError("verify: name one or more folders, as in: echolearn verify runs/data/*")
-    for folder in folders:
-        print(f"{folder}: whole, {len(store.verify(Path(folder))['files'])} files")
+    return f"{folder}: whole, {len(store.verify(Path(folder))['files'])} files"
 
 
-COMMANDS: dict[str, Callable[[Config], None]] = {
+COMMANDS: dict[str, Callable[[Config], Path | None]] = {
     "generate": generate,
     "train": train,
     "survey": survey,
@@ -118,7 +112,7 @@ COMMANDS: dict[str, Callable[[Config], None]] = {
 }
 
 
-OPTIONS = ("-m", "--cfg", "--help", "--traceback")
+OPTIONS = ("-m", "-j", "--cfg", "--help", "--traceback")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -134,21 +128,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
-        return complain(error, trace=trace)
+        from echolearn.config import UsageError
+        from echolearn.launch import complaint
+
+        print(complaint(error, trace=trace), file=sys.stderr, flush=True)
+        return 2 if isinstance(error, UsageError) else 1
     return 0
-
-
-def complain(error: Exception, *, trace: bool, about: str = "") -> int:
-    """Write one line about an error to stderr, after its traceback if wanted; return the exit status."""
-    from echolearn.config import UsageError
-    from echolearn.types import BadValue
-
-    if trace:
-        traceback.print_exception(error)
-    kind = "" if isinstance(error, BadValue | UsageError | JobsFailed) else f"{type(error).__name__}: "
-    hint = "; pip install 'echolearn[lab]'" if isinstance(error, ModuleNotFoundError) else ""
-    print(f"error: {about}{kind}{' '.join(str(error).split())}{hint}", file=sys.stderr, flush=True)
-    return 2 if isinstance(error, UsageError) else 1
 
 
 def dispatch(words: Sequence[str], *, trace: bool) -> None:
@@ -163,7 +148,7 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
     elif "--help" in rest or "-h" in rest:
         print(explain(command))
     elif command == "verify":
-        verify(rest)
+        verify_all(rest, trace=trace)
     else:
         run(command, rest, trace=trace)
 
@@ -198,27 +183,59 @@ def explain(command: str) -> str:
     return f"{usage}\n\ngroups, as in {command} group=option:\n" + "\n".join(lines) + f"\n\nkeys:\n\n{keys}"
 
 
+def verify_all(folders: Sequence[str], *, trace: bool) -> None:
+    """Verify every folder, and say what is wrong with which."""
+    from echolearn.config import UsageError
+    from echolearn.launch import run_all
+
+    if not folders or folders[0].startswith("-"):
+        raise UsageError("verify: name one or more folders, as in: echolearn verify runs/data/*")
+    if len(folders) == 1:
+        print(verify(folders[0]))
+    else:
+        run_all(verify, [(folder, folder) for folder in folders], trace=trace)
+
+
 def run(command: str, words: Sequence[str], *, trace: bool) -> None:
     """Run a command once, or with `-m` for every combination; with `--cfg` show its configuration instead."""
-    from echolearn.config import UsageError, compose, suggest
+    from echolearn.config import compose
+    from echolearn.launch import run_all, say
 
-    options = [word for word in words if word.startswith("-")]
-    for option in options:
-        if option not in OPTIONS:
-            raise UsageError(f"{option}: there is no such option; {suggest(option, OPTIONS)}")
-    overrides, many = [word for word in words if word not in options], "-m" in options
-    jobs = compose(command, overrides, many=many, resolve="--cfg" not in options)
-    failed = []
-    for name, config in jobs:
-        try:
-            show(config) if "--cfg" in options else COMMANDS[command](config)
-        except Exception as error:
-            if not many:
-                raise
-            complain(error, trace=trace, about=f"{name}: ")
-            failed.append(name)
-    if failed:
-        raise JobsFailed(f"{len(failed)} of {len(jobs)} jobs failed: {'; '.join(failed)}")
+    options, overrides, launcher = parse(words)
+    jobs = compose(command, overrides, many=options.m, resolve=not options.cfg)
+    if options.cfg:
+        for _, config in jobs:
+            show(config)
+    elif options.m:
+        place = Path(jobs[0][1]["runs"]) / "sweeps"
+        run_all(COMMANDS[command], jobs, workers=options.j, launcher=launcher, place=place, trace=trace)
+    else:
+        say(COMMANDS[command](jobs[0][1]))
+
+
+def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[str]]:
+    """Return the options of a command line, its overrides, and those that are for a launcher of Hydra.
+
+    Raises:
+        UsageError: an option that does not exist, or has no effect here.
+    """
+    from echolearn.config import UsageError, suggest
+
+    parser = ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    for name in ("-m", "--cfg"):
+        parser.add_argument(name, action="store_true")
+    parser.add_argument("-j", type=int, choices=range(1, 1025), metavar="N", default=1)
+    try:
+        options, rest = parser.parse_known_args(words)
+    except ArgumentError:
+        raise UsageError("-j: must be followed by the number of processes, from 1 to 1024") from None
+    for word in rest:
+        if word.startswith("-"):
+            raise UsageError(f"{word}: there is no such option; {suggest(word, OPTIONS)}")
+    launcher = [word for word in rest if word.startswith(("hydra/launcher=", "hydra.launcher."))]
+    if (launcher or options.j > 1) and not options.m:
+        raise UsageError(f"{(launcher or ['-j'])[0]}: shares out the jobs of a multirun; there is no -m")
+    return options, [word for word in rest if word not in launcher], launcher
 
 
 def show(config: Config) -> None:

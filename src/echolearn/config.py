@@ -2,8 +2,8 @@
 
     conf/*.yaml + overrides --compose--> plain containers --build--> objects
 
-`compose` is the only place that imports hydra. Hydra joins the YAML files that a command line chooses; the values on
-the command line are then set in copies of that, so a sweep over many of them costs little more than one.
+Hydra joins the YAML files that a command line chooses; the values on the command line are then set in copies of that,
+so a sweep over many of them costs little more than one.
 
 `build` makes the call, innermost first. What it calls must be defined in one of `ALLOWED`: the name is imported, never
 searched for by walking through attributes, so `echolearn.store.os.system` leads nowhere, and where an object was
@@ -165,7 +165,7 @@ def _chooses(override: "Override") -> bool:
 
     group, word, option = override.key_or_group, override.input_line, override.value()
     if group.replace("/", ".").partition(".")[0] == "hydra":
-        raise UsageError(f"{word}: hydra's own settings are fixed; jobs run one after another")
+        raise UsageError(f"{word}: hydra's own settings are fixed, but for its launcher's")
     options = GlobalHydra.instance().config_loader().get_group_options(group)
     if options and isinstance(option, str) and option not in options:
         raise UsageError(f"{word}: {group} has no option {option}; {suggest(option, options)}")

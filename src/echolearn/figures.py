@@ -5,6 +5,7 @@ Colours are those of Okabe and Ito, told apart by colour-blind readers; lines di
 
 from collections.abc import Callable, Mapping, Sequence
 from io import StringIO
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -21,7 +22,7 @@ BLACK, ORANGE, SKY, GREEN, BLUE, RED, PURPLE, GREY = (
 CYCLE = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
 MARKERS = "osD^vP*Xhd<>"
 
-STYLE = {
+STYLE: Any = {
     "svg.hashsalt": "echolearn",
     "svg.fonttype": "path",
     "font.family": "DejaVu Sans",
@@ -159,7 +160,7 @@ def bands(lines: Mapping[str, Sequence[Row]]) -> str:
             x = np.array([names.index(str(row["snr_db"])) for row in rows]) + (number - len(lines) / 2) * 0.07
             value = np.array([row["value"] for row in rows])
             spread = np.abs(np.array([[row["ci_low"], row["ci_high"]] for row in rows]).T - value)
-            style = {"color": CYCLE[number % len(CYCLE)], "marker": MARKERS[number % len(MARKERS)]}
+            style: Any = {"color": CYCLE[number % len(CYCLE)], "marker": MARKERS[number % len(MARKERS)]}
             axis.errorbar(x, value, yerr=spread, linestyle="", markersize=4, elinewidth=1, label=label, **style)
         axis.axhline(0.5, color=GREY, linestyle="--", linewidth=1)
         axis.set_xticks(range(len(names)), [name.replace(":", " to ") + " dB" for name in names])

@@ -13,7 +13,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echolearn.types import SPEED_OF_SOUND, Array, BadValue, MicArray, Pose, Room, Truth, check, check_number, check_whole
+from echolearn.types import (
+    SPEED_OF_SOUND,
+    Array,
+    BadValue,
+    MicArray,
+    Pose,
+    Room,
+    Truth,
+    check,
+    check_number,
+    check_whole,
+)
 
 NORMALS = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]], dtype=float)
 """Outward normals of the six walls, in the project's wall order."""
@@ -190,7 +201,8 @@ class SearchWindow:
     def __post_init__(self) -> None:
         check_number("window.nearest", self.nearest, low=0.1, high=100.0, unit="m")
         check_number("window.farthest", self.farthest, low=0.1, high=100.0, unit="m")
-        check(self.nearest < self.farthest, "window.nearest", f"{self.nearest} m", allowed=f"below window.farthest={self.farthest} m")
+        allowed = f"below window.farthest={self.farthest} m"
+        check(self.nearest < self.farthest, "window.nearest", f"{self.nearest} m", allowed=allowed)
         check(self.rule in ("general", "authors"), "window.rule", self.rule, allowed="general or authors")
 
     def lags(self, array: MicArray, sample_rate: float, speed_of_sound: float = SPEED_OF_SOUND) -> tuple[int, int]:

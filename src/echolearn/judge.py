@@ -9,7 +9,7 @@ snr_db (empty: all; "low:high": a band), noise, metric, value, ci_low, ci_high, 
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -63,8 +63,13 @@ class Sheet:
 
     def only(self, mask: Array) -> "Sheet":
         """Return the sheet of the rows where `mask` (B,) holds."""
-        cut = (column[mask] for column in (self.reference, self.groups, self.snr_db))
-        return Sheet(self.name, *cut, self.weights[:, mask], self.noise)
+        return replace(
+            self,
+            reference=self.reference[mask],
+            groups=self.groups[mask],
+            snr_db=self.snr_db[mask],
+            weights=self.weights[:, mask],
+        )
 
 
 Evaluate = Callable[[Answer, Array | None], Mapping[str, Array]]

@@ -1,7 +1,7 @@
 """Plans: where the robot stands for each row of a set, how loud the noise is, what it carries.
 
-A plan has `name`, `seed`, `window`, `scene`, `localizer`, `shard_rows`, a length and `spot(row, rng)`. `GridPlan` is the
-paper's regular grid; `ScatteredPlan` draws rooms, positions, reverberation, noise and gain at random. On a 0.5 m grid
+A plan has `name`, `seed`, `window`, `scene`, `localizer`, `shard_rows`, a length and `spot(row, rng)`. `GridPlan` is
+the paper's regular grid; `ScatteredPlan` draws rooms, positions, reverberation, noise and gain at random. On a 0.5 m grid
 only three wall distances ever fall into the search window, so a classifier can memorise times of arrival instead
 of judging echoes; scattered positions leave nothing to memorise.
 """
@@ -66,8 +66,11 @@ class GridPlan:
         check_number("plan.margin", self.margin, low=0.0, high=min(self.room.size) / 2, unit="m")
         if self.height is not None:
             check_number("plan.height", self.height, low=0.0, high=self.room.size[2], unit="m")
-        both = f"{self.snr_db}, plan.snr_levels={self.snr_levels}"
-        check((self.snr_db is None) != (self.snr_levels is None), "plan.snr_db", both, allowed="one of the two, the other null")
+        both, one = (
+            f"{self.snr_db}, plan.snr_levels={self.snr_levels}",
+            (self.snr_db is None) != (self.snr_levels is None),
+        )
+        check(one, "plan.snr_db", both, allowed="one of the two, the other null")
         if self.snr_db is not None:
             check_range("plan.snr_db", self.snr_db, low=-100.0, high=100.0, unit="dB")
         for level in self.snr_levels or ():
@@ -77,7 +80,8 @@ class GridPlan:
     @cached_property
     def positions(self) -> Array:
         """Positions of the grid, shape (P, 3), in m, z fastest."""
-        axes = [self.margin + self.step * np.arange(int((side - 2 * self.margin) / self.step + 1e-9) + 1) for side in self.room.size]
+        steps = [int((side - 2 * self.margin) / self.step + 1e-9) for side in self.room.size]
+        axes = [self.margin + self.step * np.arange(count + 1) for count in steps]
         if self.height is not None:
             axes[2] = np.array([self.height])
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -167,7 +171,8 @@ def check_range(name: str, limits: tuple[float, float], *, low: float, high: flo
 
 
 def _check_common(plan: Plan) -> None:
-    check(str(plan.name).replace("_", "").replace("-", "").isalnum(), "plan.name", plan.name, allowed="letters, digits, - and _")
+    spelled = str(plan.name).replace("_", "").replace("-", "")
+    check(spelled.isalnum(), "plan.name", plan.name, allowed="letters, digits, - and _")
     check_whole("plan.seed", plan.seed, low=0)
     check_whole("plan.shard_rows", plan.shard_rows, low=1, high=4096, unit="rows")
     plan.window.lags(plan.scene.array, plan.scene.probe.sample_rate, plan.scene.speed_of_sound)

@@ -14,7 +14,19 @@ import numpy as np
 
 from echolearn import signals
 from echolearn.geometry import check_inside, microphone_positions, true_echoes
-from echolearn.types import SPEED_OF_SOUND, Array, MicArray, Noise, Observation, Pose, Probe, Responder, Room, Truth, check_number
+from echolearn.types import (
+    SPEED_OF_SOUND,
+    Array,
+    MicArray,
+    Noise,
+    Observation,
+    Pose,
+    Probe,
+    Responder,
+    Room,
+    Truth,
+    check_number,
+)
 
 
 @dataclass(frozen=True)
@@ -36,7 +48,8 @@ class Scene:
     speed_of_sound: float = SPEED_OF_SOUND
 
     def __post_init__(self) -> None:
-        check_number("scene.speed_of_sound", self.speed_of_sound, low=100.0, high=2000.0, unit="m/s", hint="air is 343 m/s")
+        hint = "air is 343 m/s"
+        check_number("scene.speed_of_sound", self.speed_of_sound, low=100.0, high=2000.0, unit="m/s", hint=hint)
 
     @cached_property
     def direct(self) -> Array:

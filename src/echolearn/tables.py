@@ -1,6 +1,6 @@
 """What a comparison says: its rows arranged into the tables of the report.
 
-A *line* is a dictionary that a template shows; its cells are rows of `results.csv`, so that each figure keeps its interval.
+A *line* is a dictionary that a template shows; its cells are rows of `results.csv`, so each figure keeps its interval.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -67,7 +67,7 @@ def chosen(contest: Comparison, trained_on: str) -> str:
 
 
 def drawn(contest: Comparison, trained_on: str) -> list[str]:
-    """Return the classifiers whose curves are drawn: the best of each family, the paper's pair, the literature's net."""
+    """Return the classifiers that are drawn: the best of each family, the paper's pair, the literature's net."""
     ranked = list(validated(contest, trained_on))
     families = {name.partition("_")[0]: name for name in reversed(ranked)}
     return [name for name in ranked if name in {*families.values(), "svm_pair", "covnet"}]

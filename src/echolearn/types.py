@@ -33,7 +33,8 @@ def check(condition: bool, name: str, value: object, *, allowed: str, hint: str 
 
 def is_number(value: object) -> bool:
     """Tell whether `value` is a finite real number (a bool is not)."""
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) and math.isfinite(value)
+    real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return real and math.isfinite(value)  # type: ignore[arg-type]
 
 
 def check_number(
@@ -112,8 +113,10 @@ class MicArray:
 
     def __post_init__(self) -> None:
         positions = np.array(self.positions, dtype=float)
-        check(positions.ndim == 2 and positions.shape[-1] == 3, "array.positions", positions.shape, allowed="shape (M, 3) in m")
-        check(bool(np.isfinite(positions).all()), "array.positions", "NaN or infinity", allowed="finite coordinates in m")
+        flat = positions.ndim == 2 and positions.shape[-1] == 3
+        check(flat, "array.positions", positions.shape, allowed="shape (M, 3) in m")
+        finite = bool(np.isfinite(positions).all())
+        check(finite, "array.positions", "NaN or infinity", allowed="finite coordinates in m")
         positions.setflags(write=False)
         object.__setattr__(self, "positions", positions)
 
@@ -142,7 +145,8 @@ class Probe:
 
     def __post_init__(self) -> None:
         check_number("probe.sample_rate", self.sample_rate, low=1000.0, high=400_000.0, unit="Hz")
-        check_whole("probe.length", self.length, low=len(self.samples), unit="samples", hint="the recording must hold the burst")
+        hint = "the recording must hold the burst"
+        check_whole("probe.length", self.length, low=len(self.samples), unit="samples", hint=hint)
 
 
 @dataclass(frozen=True)
@@ -242,5 +246,3 @@ class Noise(Protocol):
 
     def __call__(self, array: MicArray, *, length: int, sample_rate: float, rng: np.random.Generator) -> Array:
         """Return noise of unit variance, shape (M, length)."""
-
-

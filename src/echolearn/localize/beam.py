@@ -41,7 +41,7 @@ def direction_grid(azimuths: int, elevations: int = 1) -> tuple[Array, Array]:
 
 
 def steering(array: MicArray, azimuth: Array, elevation: Array, *, frequencies: Array, speed_of_sound: float) -> Array:
-    """Return steering vectors exp(-j omega delay), shape (F, A, M), for directions (A,) and `frequencies` (F,) in Hz."""
+    """Return steering vectors exp(-j omega delay), shape (F, A, M): directions (A,), `frequencies` (F,) in Hz."""
     delays = far_field_delays(array, azimuth, elevation, speed_of_sound)
     return np.exp(-2j * np.pi * frequencies[:, None, None] * delays)
 

@@ -58,11 +58,11 @@ class Snls:
         return Echoes(*(np.asarray(value, dtype=float)[:, None] for value in fields))
 
 
-def mpdr_spectrum(
-    observation: Observation, *, azimuths: int = 180, elevations: int = 1, gamma: float = 0.1
-) -> Array:
+def mpdr_spectrum(observation: Observation, *, azimuths: int = 180, elevations: int = 1, gamma: float = 0.1) -> Array:
     """Return the whole-recording SRP-MPDR power over directions (Eq. 16), shape (B, A), from samples (B, M, N)."""
-    return spectrum_of(recording_covariance(observation), observation, azimuths=azimuths, elevations=elevations, gamma=gamma)
+    return spectrum_of(
+        recording_covariance(observation), observation, azimuths=azimuths, elevations=elevations, gamma=gamma
+    )
 
 
 def recording_covariance(observation: Observation) -> Array:
