@@ -246,4 +246,6 @@ def show(config: Config) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from echolearn import cli  # under the name by which other processes find its functions
+
+    sys.exit(cli.main())

@@ -110,8 +110,8 @@ def judge(
             return average(each)
         return average([evaluate(answer, weights[:, answer.rows]) for answer in answers])
 
-    for metric, (value, low, high) in stats.intervals(mean, sheet.weights).items():
-        yield common | {"seed": "", "metric": metric, "value": value, "ci_low": low, "ci_high": high}
+    for metric, found in stats.intervals(mean, sheet.weights).items():
+        yield common | {"seed": "", "metric": metric, "value": found.value, "ci_low": found.low, "ci_high": found.high}
 
 
 def average(evaluations: Sequence[Mapping[str, Array]]) -> dict[str, Array]:

@@ -1,8 +1,8 @@
 """Plans: where the robot stands for each row of a set, how loud the noise is, what it carries.
 
 A plan has `name`, `seed`, `window`, `scene`, `localizer`, `shard_rows`, a length and `spot(row, rng)`. `GridPlan` is
-the paper's regular grid; `ScatteredPlan` draws rooms, positions, reverberation, noise and gain at random. On a 0.5 m grid
-only three wall distances ever fall into the search window, so a classifier can memorise times of arrival instead
+the paper's regular grid; `ScatteredPlan` draws rooms, positions, reverberation, noise and gain at random. On a 0.5 m
+grid only three wall distances ever fall into the search window, so a classifier can memorise times of arrival instead
 of judging echoes; scattered positions leave nothing to memorise.
 """
 
@@ -66,11 +66,8 @@ class GridPlan:
         check_number("plan.margin", self.margin, low=0.0, high=min(self.room.size) / 2, unit="m")
         if self.height is not None:
             check_number("plan.height", self.height, low=0.0, high=self.room.size[2], unit="m")
-        both, one = (
-            f"{self.snr_db}, plan.snr_levels={self.snr_levels}",
-            (self.snr_db is None) != (self.snr_levels is None),
-        )
-        check(one, "plan.snr_db", both, allowed="one of the two, the other null")
+        both, uniform = f"{self.snr_db}, plan.snr_levels={self.snr_levels}", self.snr_db is not None
+        check(uniform == (self.snr_levels is None), "plan.snr_db", both, allowed="one of the two, the other null")
         if self.snr_db is not None:
             check_range("plan.snr_db", self.snr_db, low=-100.0, high=100.0, unit="dB")
         for level in self.snr_levels or ():
