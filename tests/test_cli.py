@@ -93,6 +93,14 @@ def test_a_configuration_can_be_shown_instead_of_run(elsewhere: Path, capsys: py
     [
         ("genrate", 2, "genrate: there is no such command; did you mean generate?"),
         ("generate --mutlirun", 2, "--mutlirun: there is no such option"),
+        ("generate -j 2", 2, "-j: shares out the jobs of a multirun; there is no -m"),
+        ("generate hydra/launcher=joblib", 2, "hydra/launcher=joblib: shares out the jobs of a multirun; there is no"),
+        ("generate -m -j two", 2, "-j: must be followed by the number of processes, from 1 to 1024"),
+        ("generate -m -j 0", 2, "-j: must be followed by the number of processes"),
+        ("generate -m -j", 2, "-j: must be followed by the number of processes"),
+        ("generate -m hydra/launcher=joblb", 2, "Could not find 'hydra/launcher/joblb' Available options in"),
+        ("generate -m hydra/launcher=joblib hydra.launcher.jobs=2", 2, "Could not override 'hydra.launcher.jobs'"),
+        ("generate -m hydra/sweeper=basic", 2, "hydra/sweeper=basic: hydra's own settings are fixed, but for its"),
         ("generate plan=papr", 2, "plan=papr: plan has no option papr; did you mean paper?"),
         ("generate plan=tiny,paper", 2, "plan=tiny,paper: several values need -m"),
         ("generate stepp=1", 2, "stepp=1: there is no key stepp; did you mean plan.step?"),
@@ -206,6 +214,28 @@ def test_an_interrupted_set_is_continued_to_the_same_bytes(elsewhere: Path) -> N
     assert not (only_set(elsewhere) / store.MANIFEST).exists()
     assert main(["generate", *SMALL]) == 0
     assert content(only_set(elsewhere)) == whole
+
+
+def test_a_sweep_leaves_the_same_wherever_its_jobs_run(elsewhere: Path) -> None:
+    """Two thresholds, and two jobs that fail: one after another, then two at a time, then shared out by joblib."""
+    words = ["train", "-m", *LEARN[:-1], "classifier=threshold_peak,threshold_score", "seed=0,-1"]
+    assert main(["generate", *LEARN]) == 0
+    ran = []
+    for more in ("", "-j 2", "hydra/launcher=joblib hydra.launcher.n_jobs=2"):
+        shutil.rmtree("runs/train", ignore_errors=True)
+        with started(*words, *more.split()) as process:
+            out, err = process.communicate(timeout=120)
+        errors = [line for line in err.splitlines() if line.startswith("error: ")]
+        names = ("metrics.json", "config.json", "model.onnx")
+        files = {(line, name): (elsewhere / line / name).read_bytes() for line in out.splitlines() for name in names}
+        ran.append((process.returncode, errors, files))
+    status, errors, files = ran[0]
+    assert (status, len(files)) == (1, 6)
+    assert errors[:2] == [
+        f"error: classifier=threshold_{x} seed=-1: seed=-1: a number from 0 to 2.14748e+09" for x in ("peak", "score")
+    ]
+    assert errors[2].startswith("error: 2 of 4 jobs failed: classifier=threshold_peak seed=-1; classifier=")
+    assert ran[1:] == ran[:1] * 2
 
 
 def test_a_finished_run_is_found_without_loading_what_trains(

@@ -152,7 +152,7 @@ def test_unresolved_configurations_show_where_values_come_from() -> None:
         ("choice.plan=x", "there is no key choice.plan"),
         ("command=x", "there is no key command"),
         ("hydra.run.dir=x", "hydra's own settings are fixed"),
-        ("hydra/launcher=basic", "hydra's own settings are fixed"),
+        ("hydra/sweeper=basic", "hydra's own settings are fixed"),
         ("runs=${nowhere}", "nowhere"),
         ("runs=???", "Missing mandatory value"),
     ],

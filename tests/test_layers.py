@@ -14,19 +14,16 @@ SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
     types progress config store geometry signals coverage stats recording noise localize rir features metrics mapping
-    simulate plans dataset survey judge classify task training trained figures compare cli
+    simulate plans dataset survey judge hearing classify task training trained tables figures report compare launch cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
-
-TOGETHER = {"report": "compare"}
-"""Files that make one part with another: the comparison and its page know each other."""
 
 ROBOT = {"types", "geometry", "signals", "coverage", "recording", "noise", "localize", "features", "metrics", "mapping"}
 """Parts that run on a robot: numpy and scipy, and YAML where surveys are read."""
 
 OWNERS = {
-    "hydra": {"config"},
-    "omegaconf": {"config"},
+    "hydra": {"config", "launch"},
+    "omegaconf": {"config", "launch"},
     "yaml": {"config", "cli", "recording"},
     "torch": {"classify"},
     "lightning": {"classify"},
@@ -36,7 +33,7 @@ OWNERS = {
     "numba": {"rir"},
     "llvmlite": {"rir"},
     "matplotlib": {"figures"},
-    "jinja2": {"compare"},
+    "jinja2": {"report"},
     "rich": {"progress"},
     "numpy": set(ORDER),
     "scipy": set(ORDER),
@@ -48,8 +45,7 @@ HEAVY = ("torch", "sklearn", "hydra", "lightning", "pyroomacoustics", "numba", "
 
 def part(path: Path) -> str:
     """Return the part of the project that a file belongs to."""
-    name = path.relative_to(SOURCE).with_suffix("").parts[0]
-    return TOGETHER.get(name, name)
+    return path.relative_to(SOURCE).with_suffix("").parts[0]
 
 
 def imports(path: Path, *, lazy: bool = True) -> Iterator[str]:
@@ -128,6 +124,6 @@ def test_the_robots_parts_load_no_heavy_library() -> None:
     assert loaded("import " + ", ".join(name.removesuffix(".__init__") for name in names)) == set()
 
 
-@pytest.mark.parametrize("name", ["training", "task", "trained", "dataset", "survey", "compare"])
+@pytest.mark.parametrize("name", ["training", "task", "trained", "dataset", "survey", "compare", "launch"])
 def test_what_only_looks_whether_work_is_done_loads_no_heavy_library(name: str) -> None:
     assert loaded(f"import echolearn.{name}") == set()

@@ -1,0 +1,61 @@
+"""Many jobs, wherever they run: all are done, failures are named, results come in order, each has one thread."""
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from echolearn.config import UsageError
+from echolearn.launch import JobsFailed, run_all
+
+ROOTS = [(f"x={x:g}", x) for x in (4.0, -1.0, 9.0, -4.0, 2.25)]
+
+HERE: dict[str, Any] = {}
+PROCESSES = {"workers": 2}
+SUBMITTED = {"launcher": ["hydra/launcher=submitit_local", "hydra.launcher.timeout_min=2"]}
+JOBLIB = {"launcher": ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]}
+BASIC = {"launcher": ["hydra/launcher=basic"]}
+EVERYWHERE = {"here": HERE, "processes": PROCESSES, "basic": BASIC, "joblib": JOBLIB, "submitit": SUBMITTED}
+
+
+@pytest.mark.parametrize("where", EVERYWHERE)
+def test_all_jobs_are_done_and_failures_are_named(
+    where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(JobsFailed, match=r"^2 of 5 jobs failed: x=-1; x=-4$"):
+        run_all(math.sqrt, ROOTS, place=tmp_path / "it's = here", **EVERYWHERE[where])
+    out, err = capsys.readouterr()
+    assert out.split() == ["2.0", "3.0", "1.5"]
+    failures = [line for line in err.splitlines() if "error" in line]
+    assert failures == [f"error: x={x}: ValueError: math domain error" for x in (-1, -4)]
+    assert {path.name for path in tmp_path.iterdir()} == ({"it's = here"} if "launcher" in EVERYWHERE[where] else set())
+
+
+@pytest.mark.parametrize("where", ["processes", "joblib"])
+def test_processes_compute_with_one_thread(
+    where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    run_all(os.getenv, [("a", "OMP_NUM_THREADS"), ("b", "NUMBA_NUM_THREADS")], place=tmp_path, **EVERYWHERE[where])
+    assert capsys.readouterr().out.split() == ["1", "1"]
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+
+
+def test_a_traceback_comes_from_where_the_error_arose(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(JobsFailed):
+        run_all(math.sqrt, [("x=-1", -1.0)], workers=2, trace=True)
+    err = capsys.readouterr().err
+    assert "Traceback (most recent call last)" in err
+    assert err.endswith("error: x=-1: ValueError: math domain error\n")
+
+
+def test_a_job_without_a_result_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    run_all(os.getenv, [("none", "NO_SUCH_VARIABLE")])
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_launcher_that_is_not_there_is_one_mistake_of_the_command_line(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"(?s)^hydra/launcher=moon: .*; pip install 'echolearn\[cluster\]'$"):
+        run_all(math.sqrt, ROOTS, launcher=["hydra/launcher=moon"], place=tmp_path)
