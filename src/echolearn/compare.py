@@ -40,6 +40,7 @@ def compare(
     resamples: int = 1000,
     workers: int = 1,
     readme: Path | None = None,
+    command: str | None = None,
 ) -> Path:
     """Judge all trained runs and write the comparison; a finished one is only shown again.
 
@@ -52,22 +53,26 @@ def compare(
         resamples: bootstrap draws behind every interval.
         workers: processes; the result does not depend on their number.
         readme: a file whose results table, between markers, is replaced; None leaves it.
+        command: what makes the comparison again, for its manifest; None says nothing about it.
 
     Returns:
         The comparison's folder.
 
     Raises:
-        BadValue: a set or survey that is missing, or no trained runs.
+        BadValue: a set or survey that is missing or damaged, no trained runs, or several that differ in their
+            settings but not in their name, a README without the markers.
     """
     check_whole("resamples", resamples, low=20, high=100_000)
     check_whole("workers", workers, low=1, high=1024)
+    if readme is not None:
+        report.around_table(readme)
     folder = Path(runs) / "compare" / name
     trained = load_runs(Path(runs))
     check(len(trained) > 0, "runs", runs, allowed="a folder with trained runs", hint="run `echolearn train` first")
     check(len(tested) > 0, "tested", "[]", allowed="at least one set")
     check(not surveys or len(localizers) > 0, "localizers", "{}", allowed="at least one to hear the surveys")
     sets = {set_name: Dataset(find_set(Path(runs), set_name)) for set_name in tested}
-    walks = {survey: Path(runs) / "survey" / survey for survey in surveys}
+    walks = {survey: find_survey(Path(runs), survey) for survey in surveys}
     inputs = {
         "runs": {run.identity: run.metrics["model"]["sha256"] for run in trained},
         "sets": {key: value.digest for key, value in sets.items()},
@@ -83,8 +88,7 @@ def compare(
         files |= report.make(contest, name=name)
         for file, content in files.items():
             store.write_atomic(folder / file, content)
-        about = {"kind": "comparison", "inputs": inputs, "command": f"echolearn compare name={name}"}
-        store.finish(folder, about, files)
+        store.finish(folder, {"kind": "comparison", "inputs": inputs} | store.made_by(command), files)
     report.show(folder, readme=readme)
     return folder
 
@@ -108,6 +112,17 @@ def find_set(runs: Path, name: str) -> Path:
     hint = outdated if found else f"run `echolearn generate plan={name}`"
     check(len(found) == 1, "tested", name, allowed="the name of exactly one finished set", hint=hint)
     return found[0]
+
+
+def find_survey(runs: Path, name: str) -> Path:
+    """Return the folder of a finished survey.
+
+    Raises:
+        BadValue: there is none.
+    """
+    folder, hint = runs / "survey" / name, "run `echolearn survey` for its room and snr_db"
+    check((folder / store.MANIFEST).is_file(), "surveys", name, allowed="the name of a finished survey", hint=hint)
+    return folder
 
 
 def hold(
@@ -185,10 +200,10 @@ def _references(heard: Heard) -> dict[Contestant, list[Answer]]:
 def against_yardstick(
     answers: Mapping[Contestant, Sequence[Answer]], sheet: Sheet, *, metric: str, snr_db: str
 ) -> Iterable[Row]:
-    """Test every classifier against the bare threshold trained on the same set."""
+    """Test every classifier against the bare threshold trained on the same set, if with the same seeds."""
     for (classifier, trained_on), given in answers.items():
-        yardstick = answers.get((YARDSTICK, trained_on))
-        if classifier != YARDSTICK and yardstick:
+        yardstick = answers.get((YARDSTICK, trained_on), ())
+        if classifier != YARDSTICK and judge.paired(given, yardstick):
             where = {"trained_on": trained_on, "tested_on": sheet.name, "snr_db": snr_db}
             tested = judge.compare_pair(given, yardstick, sheet, metric=metric)
             yield {"classifier": classifier, "against": YARDSTICK, **where, **tested}

@@ -5,7 +5,8 @@ per seed. Every figure is the mean over seeds, its interval a bootstrap over pos
 contestants. On the set it was trained on, a contestant is judged on its own held-out positions only.
 
 The rows produced here are those of `results.csv`: classifier, trained_on, tested_on, seed (empty: mean over seeds),
-snr_db (empty: all; "low:high": a band), noise, metric, value, ci_low, ci_high, n.
+snr_db (empty: all; "low:high": a band, low included, of the last one high, too), noise, metric, value, ci_low,
+ci_high, n.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,10 +17,10 @@ import numpy as np
 
 from echolearn import metrics, stats
 from echolearn.coverage import attainable
-from echolearn.types import Array
+from echolearn.types import Array, check
 
 BANDS = ((-40, -20), (-20, -15), (-15, -10), (-10, -5), (-5, 40))
-"""dB; classifiers differ between -20 and -5 dB only."""
+"""dB, from and to; classifiers differ between -20 and -5 dB only."""
 
 Row = dict[str, Any]
 
@@ -135,7 +136,7 @@ def judge_labels(who: tuple[str, str], answers: Sequence[Answer], sheet: Sheet) 
 def _judge_band(
     who: tuple[str, str], answers: Sequence[Answer], sheet: Sheet, *, low: float, high: float
 ) -> Iterator[Row]:
-    inside = (sheet.snr_db >= low) & (sheet.snr_db < high)
+    inside = in_band(sheet.snr_db, low=low, high=high)
     new_row = np.cumsum(inside) - 1
     cut = [Answer(a.seed, new_row[a.rows[inside[a.rows]]], a.confidence[inside[a.rows]], a.threshold) for a in answers]
     if not all(len(answer.rows) for answer in cut):
@@ -153,6 +154,12 @@ def _judge_band(
 
     rows = judge(who, cut, banded, few, snr_db=f"{low}:{high}")
     yield from (row for row in rows if row["seed"] == "")
+
+
+def in_band(snr_db: Array, *, low: float, high: float) -> Array:
+    """Tell which SNRs (B,) lie in [low, high) dB; the last of the bands holds its upper end, too."""
+    below = snr_db <= high if high == BANDS[-1][1] else snr_db < high
+    return (snr_db >= low) & below
 
 
 @dataclass(frozen=True)
@@ -207,6 +214,11 @@ def yardsticks(reference: Array, *, seed: int = 0) -> dict[str, Answer]:
     return {name: Answer(0, rows, values, 0.5) for name, values in confidence.items()}
 
 
+def paired(first: Sequence[Answer], second: Sequence[Answer]) -> list[tuple[Answer, Answer]]:
+    """Return the answers of two contestants seed by seed; a lone answer of the second goes with each of the first."""
+    return [(a, b) for a in first for b in second if a.seed == b.seed or len(second) == 1]
+
+
 def compare_pair(first: Sequence[Answer], second: Sequence[Answer], sheet: Sheet, *, metric: str, seed: int = 0) -> Row:
     """Test whether two contestants differ in a metric, on the same rows, pooled over their common seeds.
 
@@ -215,8 +227,12 @@ def compare_pair(first: Sequence[Answer], second: Sequence[Answer], sheet: Sheet
         sheet: the test set.
         metric: "auc" (of confidence) or "balanced_accuracy" (of what is kept).
         seed: of the resamples and swaps.
+
+    Raises:
+        BadValue: no seed in common.
     """
-    pairs = [(a, b) for a in first for b in second if a.seed == b.seed or len(second) == 1]
+    pairs = paired(first, second)
+    check(len(pairs) > 0, "seeds", [answer.seed for answer in first], allowed="one in common with the other's")
     rows = np.concatenate([a.rows for a, _ in pairs])
     answers = [np.concatenate([_answer(pair[side], metric) for pair in pairs]) for side in (0, 1)]
     difference = stats.paired_test(

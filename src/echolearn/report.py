@@ -34,9 +34,9 @@ from echolearn.tables import (
     snr_of,
 )
 from echolearn.trained import answer_map, answer_set, sheet_of
-from echolearn.types import Array
+from echolearn.types import Array, BadValue, check
 
-FORMAT = 2
+FORMAT = 3
 """Version of the report; part of a comparison's identity."""
 
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "lightning", "onnxruntime", "pyroomacoustics")
@@ -190,13 +190,29 @@ def machine() -> dict[str, str]:
 
 
 def show(folder: Path, *, readme: Path | None) -> None:
-    """Print the results table and the report's path; put the table and the map into a README between its markers."""
+    """Print the results table and the report's path; put the table into a README and the map beside it."""
     table = (folder / "table.md").read_text()
     sys.stdout.write(table)
     print(f"\n{folder / 'report.html'}")
     if readme is not None:
+        before, after = around_table(readme)
+        store.write_atomic(Path(readme), f"{before}\n{table}\n{after}".encode())
+        picture = folder / "figures" / "maps_first.svg"
+        if picture.is_file():
+            store.write_atomic(Path(readme).parent / "docs" / "before_after.svg", picture.read_bytes())
+
+
+def around_table(readme: Path) -> tuple[str, str]:
+    """Return what stands before and after the results table of a README, its two markers included.
+
+    Raises:
+        BadValue: the file cannot be read, or has not each marker once, in this order.
+    """
+    try:
         text = Path(readme).read_text()
-        start, stop = text.index(BEGIN) + len(BEGIN), text.index(END)
-        store.write_atomic(Path(readme), f"{text[:start]}\n{table}\n{text[stop:]}".encode())
-        picture = (folder / "figures" / "maps_first.svg").read_bytes()
-        store.write_atomic(Path(readme).parent / "docs" / "before_after.svg", picture)
+    except (OSError, ValueError) as error:
+        raise BadValue(f"readme={readme}: cannot be read ({store.one_line(error)})") from None
+    before, *between = text.split(BEGIN)
+    rest = between[0].split(END) if len(between) == 1 else []
+    check(len(rest) == 2 and END not in before, "readme", readme, allowed=f"a file with one {BEGIN} and then one {END}")
+    return before + BEGIN, END + rest[1]

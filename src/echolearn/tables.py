@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from echolearn.dataset import Dataset
-from echolearn.judge import BANDS, Heard, Row
+from echolearn.judge import BANDS, Heard, Row, in_band
 from echolearn.trained import Run
 
 SHOWN_DB = ("0", "-5", "-10")
@@ -86,6 +86,7 @@ def gather(contest: Comparison, *, source: str, best: str) -> dict[str, Any]:
         "source": source,
         "best": best,
         "levels": levels(contest),
+        "snrs": snrs(contest),
         "sets": [describe_set(name, dataset) for name, dataset in contest.sets.items()],
         "bands": [f"{low} to {high}" for low, high in BANDS],
         "rooms": [describe_room(contest, whole, room, source=source, best=best) for room in rooms(contest)],
@@ -104,7 +105,7 @@ def gather(contest: Comparison, *, source: str, best: str) -> dict[str, Any]:
 def describe_set(name: str, dataset: Dataset) -> dict[str, Any]:
     """Return what the table of sets shows: sizes, labels, and how often the TOA is right in each SNR band."""
     snr_db, reflector = dataset["snr_db"], dataset["reflector"]
-    inside = [(snr_db >= low) & (snr_db < high) for low, high in BANDS]
+    inside = [in_band(snr_db, low=low, high=high) for low, high in BANDS]
     return {
         "name": name,
         "rows": len(dataset),
@@ -131,9 +132,14 @@ def snr_of(heard: Heard) -> str:
     return f"{heard.sheet.snr_db[0]:g}"
 
 
+def snrs(contest: Comparison) -> list[str]:
+    """Return the SNRs of the surveys, in order."""
+    return list(dict.fromkeys(snr_of(heard) for heard in contest.heard.values()))
+
+
 def levels(contest: Comparison) -> list[str]:
     """Return the SNRs whose maps are shown in tables."""
-    known = list(dict.fromkeys(snr_of(heard) for heard in contest.heard.values()))
+    known = snrs(contest)
     return [level for level in SHOWN_DB if level in known] or known
 
 

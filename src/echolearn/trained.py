@@ -13,7 +13,7 @@ from echolearn.classify.inputs import COVARIANCE, view_of
 from echolearn.dataset import Dataset, split
 from echolearn.judge import Answer, Heard, Sheet
 from echolearn.training import load_scorer
-from echolearn.types import Array
+from echolearn.types import Array, check
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,26 @@ class Run:
 
 
 def load_runs(runs: Path) -> list[Run]:
-    """Return every finished run under `runs/train` whose data are still there, by name."""
+    """Return every finished run under `runs/train` whose data are still there, by name.
+
+    Raises:
+        BadValue: two of them differ in their settings, but not in classifier, set and seed.
+    """
     present = {
         store.digest(store.load_manifest(path.parent)["files"]) for path in (runs / "data").glob(f"*/{store.MANIFEST}")
     }
     folders = sorted(path.parent for path in (runs / "train").glob("*/metrics.json"))
     found = [Run(folder, store.load_json(folder / "metrics.json")) for folder in folders]
-    return [run for run in found if run.data_digest in present]
+    known = [run for run in found if run.data_digest in present]
+    for run in known:
+        twins = [other.identity for other in known if _title(other) == _title(run)]
+        hint = "remove the outdated, or train with another name="
+        check(len(twins) == 1, "runs", ", ".join(twins), allowed="one run per classifier, set and seed", hint=hint)
+    return known
+
+
+def _title(run: Run) -> tuple[str, str, int]:
+    return run.classifier, run.trained_on, run.seed
 
 
 def sheet_of(dataset: Dataset, name: str, *, resamples: int) -> Sheet:
