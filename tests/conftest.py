@@ -2,16 +2,20 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import world as small
 from echolearn import signals
+from echolearn.compare import compare
 from echolearn.geometry import circular_array, microphone_positions
 from echolearn.noise.white import White
 from echolearn.rir.pyroom import Pyroom
 from echolearn.signals import noise_probe
 from echolearn.simulate import Scene, add_noise
+from echolearn.tables import Comparison
 from echolearn.types import Observation, Pose, Room
 
 Hear = Callable[..., Observation]
@@ -65,3 +69,21 @@ def hear(scene: Scene) -> Hear:
         return Observation(np.stack(samples), robot.probe, robot.array)
 
     return heard
+
+
+@pytest.fixture(scope="session")
+def world(tmp_path_factory: pytest.TempPathFactory) -> small.World:
+    """Return a small world; not to be changed."""
+    return small.make(tmp_path_factory.mktemp("world"))
+
+
+@pytest.fixture(scope="session")
+def contest(world: small.World) -> Comparison:
+    """Return its comparison, judged without processes of its own."""
+    return small.judged(world)
+
+
+@pytest.fixture(scope="session")
+def compared(world: small.World) -> Path:
+    """Return the folder of the world's comparison, made by one process; not to be changed."""
+    return compare(name="small", workers=1, **world.arguments)

@@ -1,0 +1,113 @@
+"""A survey heard: every echo where it was estimated, every point where geometry puts it, judged by the room's walls."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from echolearn import features, recording
+from echolearn.hearing import BLOCK, hear
+from echolearn.judge import Heard
+from echolearn.localize.matched import Matched
+from echolearn.types import BadValue
+from world import HALL, POSES, World
+
+SPEED = 343.0
+
+
+@pytest.fixture(scope="module")
+def heard(world: World) -> Heard:
+    """Return the walk at 5 dB with echo-gated directions."""
+    gated = world.arguments["localizers"]["gated"]
+    return hear(world.runs / "survey" / "hall_5dB", gated, name="hall_5dB/gated", resamples=9)
+
+
+def test_every_pose_has_its_echo_in_its_place(world: World, heard: Heard) -> None:
+    """Recordings are heard in blocks; together they give the same."""
+    gated = world.arguments["localizers"]["gated"]
+    walk = recording.read(world.runs / "survey" / "hall_5dB")
+    observation = walk.observe(range(POSES))
+    columns = features.describe(Matched(observation, gated.window), gated(observation))
+    assert BLOCK < POSES == len(heard.points)
+    assert set(heard.columns) == set(columns)
+    for name, column in columns.items():
+        assert np.allclose(heard.columns[name], column, rtol=1e-3, atol=1e-4), name
+
+
+def test_points_lie_where_their_echoes_came_from(heard: Heard, world: World) -> None:
+    """Its mirror image beyond the wall is as far from microphone 1 as the echo has come."""
+    walk = recording.read(world.runs / "survey" / "hall_5dB")
+    for pose, place, point, toa, azimuth, elevation in zip(
+        walk.poses, heard.poses, heard.points, *(heard.columns[n] for n in ("toa", "azimuth", "elevation")), strict=True
+    ):
+        assert np.array_equal(place, pose.position[:2])
+        angle, reach = azimuth + pose.heading, np.linalg.norm(point - place)
+        level = np.sin(elevation)
+        assert np.allclose(point, place + reach * np.array([np.cos(angle), np.sin(angle)]))
+        microphone = 0.2 * np.array([np.cos(pose.heading), np.sin(pose.heading)])
+        if level > 0.5:  # in the array's plane
+            assert np.linalg.norm(2 * (point - place) - microphone) == pytest.approx(SPEED * toa, abs=1e-6)
+        else:  # from the floor or the ceiling
+            assert reach == pytest.approx(0.0, abs=1e-9)
+
+
+def test_true_is_what_lies_within_ten_centimetres_of_a_wall(heard: Heard) -> None:
+    x, y = heard.points.T
+    length, width, _ = HALL.size
+    outside = np.hypot(np.maximum(np.maximum(-x, x - length), 0), np.maximum(np.maximum(-y, y - width), 0))
+    inside = np.minimum.reduce([x, y, length - x, width - y])
+    assert np.array_equal(heard.sheet.reference, np.where(outside > 0, outside, inside) <= 0.10)
+    assert 0.4 < heard.sheet.reference.mean() < 1.0
+
+
+def test_what_is_known_of_the_recording_is_on_the_sheet(heard: Heard) -> None:
+    sheet = heard.sheet
+    assert (sheet.name, sheet.noise) == ("hall_5dB/gated", "white")
+    assert (sheet.snr_db == 5.0).all()
+    assert np.array_equal(sheet.groups, np.arange(POSES))
+    assert sheet.weights.shape == (9, POSES) and (sheet.weights.sum(axis=1) == POSES).all()
+    assert np.array_equal(heard.corners, [[0, 0], [6, 0], [6, 5], [0, 5]])
+
+
+def test_localizers_hear_the_same_times_and_other_directions(world: World, heard: Heard) -> None:
+    whole = hear(
+        world.runs / "survey" / "hall_5dB", world.arguments["localizers"]["snls"], name="hall_5dB/snls", resamples=9
+    )
+    assert np.array_equal(whole.columns["toa"], heard.columns["toa"])
+    assert np.array_equal(whole.sheet.weights, heard.sheet.weights)
+    assert whole.sheet.reference.sum() < heard.sheet.reference.sum()
+
+
+@pytest.fixture
+def edited(world: World, tmp_path: Path) -> Callable[..., Path]:
+    """Return a function that copies a walk and changes its `survey.yaml`; None removes a key."""
+
+    def edit(**changes: Any) -> Path:
+        folder = shutil.copytree(world.runs / "survey" / "hall_5dB", tmp_path / "copy")
+        about = yaml.safe_load((folder / "survey.yaml").read_text()) | changes
+        about = {key: value for key, value in about.items() if value is not None}
+        (folder / "survey.yaml").write_text(yaml.safe_dump(about))
+        return folder
+
+    return edit
+
+
+def test_without_walls_there_is_nothing_to_judge_by(world: World, edited: Callable[..., Path]) -> None:
+    with pytest.raises(BadValue, match=r"survey.yaml: no walls; an outline is needed to judge a map$"):
+        hear(edited(walls=None), world.arguments["localizers"]["gated"], name="copy", resamples=2)
+
+
+def test_unknown_conditions_are_unknown(world: World, edited: Callable[..., Path]) -> None:
+    sheet = hear(edited(conditions=None), world.arguments["localizers"]["gated"], name="copy", resamples=2).sheet
+    assert sheet.noise == "unknown" and np.isnan(sheet.snr_db).all()
+
+
+def test_a_missing_recording_is_named(world: World, edited: Callable[..., Path]) -> None:
+    folder = edited()
+    (folder / "observations" / "0033.wav").unlink()
+    with pytest.raises(BadValue, match=r"observations/0033.wav: cannot be read"):
+        hear(folder, world.arguments["localizers"]["gated"], name="copy", resamples=2)

@@ -1,0 +1,133 @@
+"""A whole world, small enough for tests: labelled sets, classifiers trained on them, walks through a room never seen.
+
+The sets are those that `generate` makes, one shard each and without its processes.
+"""
+
+from collections import defaultdict
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from echolearn import config, judge, store, training
+from echolearn.compare import Walk, judge_set, judge_walk
+from echolearn.dataset import FORMAT, Dataset, folder_of, plain, records
+from echolearn.geometry import SearchWindow, circular_array
+from echolearn.localize.gated import Gated
+from echolearn.localize.snls import Snls
+from echolearn.noise.white import White
+from echolearn.plans import GridPlan, Plan, ScatteredPlan
+from echolearn.rir.images import Images
+from echolearn.signals import noise_probe
+from echolearn.simulate import Scene
+from echolearn.survey import survey
+from echolearn.tables import Comparison, Contestant
+from echolearn.task import Task
+from echolearn.trained import Run, load_runs
+from echolearn.types import Room
+
+HALL = Room((6.0, 5.0, 4.0), 0.25)
+"""The room of the walks."""
+
+WALKS = ("hall_5dB", "hall_-10dB")
+POSES = 36  # more than are heard at a time
+
+CLASSIFIERS: dict[str, dict[str, Any]] = {
+    "threshold_peak": {"_target_": "echolearn.classify.threshold.Threshold", "inputs": ["peak_to_rms"]},
+    "svm_pair": {
+        "_target_": "echolearn.classify.svm.Svm",
+        "inputs": ["toa", "power"],
+        "c_grid": [1.0],
+        "gamma_grid": [0.1, 1.0],
+        "folds": 2,
+    },
+    "trees_features": {
+        "_target_": "echolearn.classify.trees.Trees",
+        "inputs": ["peak_to_rms", "second_to_first", "joint", "coherence"],
+        "iterations": 30,
+        "min_leaf": 5,
+        "patience": 10,
+    },
+}
+
+TRAINED = (
+    ("scattered", 0, ("svm_pair", "threshold_peak", "trees_features")),
+    ("scattered", 1, ("svm_pair", "threshold_peak", "trees_features")),
+    ("grid", 0, ("svm_pair", "threshold_peak")),
+)
+
+
+@dataclass(frozen=True)
+class World:
+    """Where everything lies, and how it is compared.
+
+    Attributes:
+        runs: folder of everything generated.
+        sets: by name.
+        arguments: of `compare`, but for the name and the number of workers.
+    """
+
+    runs: Path
+    sets: dict[str, Dataset]
+    arguments: dict[str, Any]
+
+
+def plans() -> list[Plan]:
+    """Return a grid in one room, positions scattered over many rooms, and some off the grid in the walks' room."""
+    window = SearchWindow()
+    scene = Scene(circular_array(), noise_probe(length=6000), Images(), White())
+    loud, places, size = (-25.0, 25.0), Gated(window, 36), HALL.size
+    low, high, t60 = (5.0, 5.0, 3.0), (8.0, 7.0, 4.0), (0.25, 0.3)
+    return [
+        GridPlan("grid", 1, HALL, 0.8, 1.0, window, scene, places, snr_db=loud),
+        ScatteredPlan("scattered", 2, 140, low, high, t60, 1.0, window, scene, places, snr_db=loud),
+        ScatteredPlan("offgrid_hall", 3, 60, size, size, t60, 1.0, window, scene, places, snr_db=loud),
+    ]
+
+
+def write_set(plan: Plan, runs: Path) -> Dataset:
+    """Write the set of a plan, and open it."""
+    folder = folder_of(plan, runs)
+    store.write_shard(folder, 0, records(plan, range(len(plan))))
+    store.finish(
+        folder, {"kind": "set", "format": FORMAT, "rows": len(plan), "plan": plain(plan)}, [store.shard_name(0)]
+    )
+    return Dataset(folder)
+
+
+def train(dataset: Dataset, name: str, *, seed: int, runs: Path, **changes: Any) -> None:
+    """Train one of the classifiers."""
+    keys = CLASSIFIERS[name] | changes
+    task = Task(dataset, seed=seed)
+    training.train(task, name=name, classifier=lambda: config.build(keys), config=keys, runs=runs)
+
+
+def make(runs: Path) -> World:
+    """Make everything below `runs`."""
+    sets = {plan.name: write_set(plan, runs) for plan in plans()}
+    for plan, seed, names in TRAINED:
+        for name in names:
+            train(sets[plan], name, seed=seed, runs=runs)
+    scene, window = plans()[0].scene, SearchWindow()
+    for walk, snr_db in zip(WALKS, (5.0, -10.0), strict=True):
+        survey(name=walk, room=HALL, scene=scene, snr_db=snr_db, poses=POSES, runs=runs)
+    localizers = {"gated": Gated(window, 36), "snls": Snls(window, 36)}
+    arguments = {"tested": list(sets), "surveys": list(WALKS), "localizers": localizers, "resamples": 50}
+    return World(runs, sets, arguments | {"runs": runs})
+
+
+def judged(world: World) -> Comparison:
+    """Compare the world, in this process."""
+    contestants: dict[Contestant, list[Run]] = defaultdict(list)
+    for run in load_runs(world.runs):
+        contestants[run.classifier, run.trained_on].append(run)
+    verdicts = [judge_set(contestants, dataset.folder, name, 50) for name, dataset in world.sets.items()]
+    heard = {}
+    for walk, (localizer, listen) in product(WALKS, world.arguments["localizers"].items()):
+        task = Walk(world.runs / "survey" / walk, f"{walk}/{localizer}", listen, tested=localizer == "gated")
+        verdicts.append(judge_walk(contestants, task, 50))
+        assert verdicts[-1].heard
+        heard[walk, localizer] = verdicts[-1].heard
+    rows = [row for verdict in verdicts for row in verdict.rows]
+    tests = judge.correct(row for verdict in verdicts for row in verdict.tests)
+    return Comparison(contestants, world.sets, heard, rows, tests)
