@@ -1,15 +1,19 @@
-# One command from nothing to a result. Everything lives in .venv and runs/.
+# One command from nothing to a result. Everything lives in .venv and $(RUNS).
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 READY := .venv/.ready
-RUN := OMP_NUM_THREADS=1 $(BIN)/echolearn
 
-CLASSIFIERS := 'classifier=glob(*)'
-SEEDS := seed=0,1,2
+RUNS ?= runs
+JOBS ?= 2
+RUN = OMP_NUM_THREADS=1 $(BIN)/echolearn
+TRAIN = $(RUN) train -m -j $(JOBS)
+
 SETS := paper,paper_planar,scattered,offgrid_10x8x6,offgrid_8x6x5,offgrid_13x11x5
+# Classifiers that are cross-validated, too, as in the paper: those that fit in seconds.
+CROSSED := [s*,t*]
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper tiny test lint clean
+.PHONY: help venv paper tiny readme test lint clean
 
 help: ## show this page
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-7s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -22,17 +26,31 @@ $(READY): requirements.lock pyproject.toml
 	touch $@
 
 paper: $(READY) ## the main job in full size: sets, classifiers, surveys, comparison
-	$(RUN) generate -m plan=$(SETS)
-	$(RUN) train -m $(CLASSIFIERS) $(SEEDS) plan=paper,scattered
-	$(RUN) train -m classifier=svm_pair,svm_toa,threshold_peak $(SEEDS) plan=paper_planar split=position,row
-	$(RUN) survey -m room=8x6x5,13x11x5 snr_db=-10,-5,0,10,40
-	$(RUN) compare $(README)
+	$(RUN) generate -m runs=$(RUNS) plan=$(SETS)
+	$(TRAIN) runs=$(RUNS) \
+	  -- plan=paper seed=0 'classifier=glob($(CROSSED))' folds=5 \
+	  -- plan=paper seed=0 'classifier=glob(*,exclude=$(CROSSED))' \
+	  -- plan=paper seed=1,2 'classifier=glob(*)' \
+	  -- plan=scattered seed=0,1,2 'classifier=glob(*)' \
+	  -- plan=paper_planar seed=0,1,2 classifier=svm_pair,svm_toa,threshold_peak split=position,row
+	$(RUN) survey -m -j $(JOBS) runs=$(RUNS) room=8x6x5,13x11x5 snr_db=-10,-5,0,10,40
+	$(RUN) compare runs=$(RUNS) $(README)
 
 tiny: $(READY) ## the same path on small sets, for a first look
-	$(RUN) generate -m runs=runs/tiny plan=tiny,tiny_scattered
-	$(RUN) train -m runs=runs/tiny classifier=threshold_peak,svm_pair,svm_features,trees_features,mlp_features seed=0 plan=tiny_scattered
-	$(RUN) survey -m runs=runs/tiny room=8x6x5 snr_db=-5,10 poses=60
-	$(RUN) compare runs=runs/tiny name=tiny 'tested=[tiny,tiny_scattered]' 'surveys=[8x6x5_-5dB,8x6x5_10dB]' resamples=200
+	$(RUN) generate -m runs=$(RUNS)/tiny plan=tiny,tiny_scattered
+	$(TRAIN) runs=$(RUNS)/tiny classifier=threshold_peak,svm_pair,svm_features,trees_features,mlp_features plan=tiny_scattered
+	$(RUN) survey -m -j $(JOBS) runs=$(RUNS)/tiny room=8x6x5 snr_db=-5,10 poses=60
+	$(RUN) compare runs=$(RUNS)/tiny name=tiny 'tested=[tiny,tiny_scattered]' 'surveys=[8x6x5_-5dB,8x6x5_10dB]' resamples=200
+
+readme: $(READY) ## run everything from nothing, in runs/fresh, and write the times and results into README.md
+	rm -rf runs/fresh
+	@for target in tiny paper; do \
+	  began=$$(date +%s); \
+	  $(MAKE) $$target RUNS=runs/fresh README=readme=README.md || exit 1; \
+	  spent=$$(($$(date +%s) - began)); \
+	  text="<!-- $$target -->$$((spent / 60)) min $$((spent % 60)) s<!-- end -->"; \
+	  sed "s/<!-- $$target -->.*<!-- end -->/$$text/" README.md > README.md.new && mv README.md.new README.md; \
+	done
 
 test: $(READY) ## run the tests
 	@OMP_NUM_THREADS=1 $(BIN)/pytest -q

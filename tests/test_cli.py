@@ -93,8 +93,10 @@ def test_a_configuration_can_be_shown_instead_of_run(elsewhere: Path, capsys: py
     [
         ("genrate", 2, "genrate: there is no such command; did you mean generate?"),
         ("generate --mutlirun", 2, "--mutlirun: there is no such option"),
-        ("generate -j 2", 2, "-j: shares out the jobs of a multirun; there is no -m"),
-        ("generate hydra/launcher=joblib", 2, "hydra/launcher=joblib: shares out the jobs of a multirun; there is no"),
+        ("generate -j 2", 2, "-j: is for multiruns; there is no -m"),
+        ("generate hydra/launcher=joblib", 2, "hydra/launcher=joblib: is for multiruns; there is no"),
+        ("generate plan=tiny -- plan.seed=3", 2, "--: is for multiruns; there is no -m"),
+        ("generate -m -- --mutlirun", 2, "--mutlirun: there is no such option"),
         ("generate -m -j two", 2, "-j: must be followed by the number of processes, from 1 to 1024"),
         ("generate -m -j 0", 2, "-j: must be followed by the number of processes"),
         ("generate -m -j", 2, "-j: must be followed by the number of processes"),
@@ -214,6 +216,16 @@ def test_an_interrupted_set_is_continued_to_the_same_bytes(elsewhere: Path) -> N
     assert not (only_set(elsewhere) / store.MANIFEST).exists()
     assert main(["generate", *SMALL]) == 0
     assert content(only_set(elsewhere)) == whole
+
+
+def test_several_sweeps_share_what_stands_before_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main("train -m --cfg test_share=0.3 -- classifier=svm_toa seed=0,1 -- seed=2 folds=5".split()) == 0
+    commands = [line for line in capsys.readouterr().out.splitlines() if line.startswith("command: ")]
+    assert [line.removeprefix("command: echolearn train ") for line in commands] == [
+        "test_share=0.3 classifier=svm_toa seed=0",
+        "test_share=0.3 classifier=svm_toa seed=1",
+        "test_share=0.3 seed=2 folds=5",
+    ]
 
 
 def test_a_sweep_leaves_the_same_wherever_its_jobs_run(elsewhere: Path) -> None:

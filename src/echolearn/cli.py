@@ -11,6 +11,7 @@ import sys
 from argparse import ArgumentError, ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from functools import cache
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,7 @@ options:
   --help       of a command: its groups and keys
   --cfg        show the whole configuration instead of running it
   -m           run once for every combination: seed=0,1,2 classifier=svm_pair,trees_features
+  --           with -m: another sweep follows; what stands before the first -- holds for all
   -j N         of these, N at a time; or hydra/launcher=joblib, submitit_slurm ... with hydra.launcher.<key>=<value>
   --traceback  show where in the code an error arose
 
@@ -201,8 +203,8 @@ def run(command: str, words: Sequence[str], *, trace: bool) -> None:
     from echolearn.config import compose
     from echolearn.launch import run_all, say
 
-    options, overrides, launcher = parse(words)
-    jobs = compose(command, overrides, many=options.m, resolve=not options.cfg)
+    options, launcher, sweeps = parse(words)
+    jobs = [job for sweep in sweeps for job in compose(command, sweep, many=options.m, resolve=not options.cfg)]
     if options.cfg:
         for _, config in jobs:
             show(config)
@@ -213,8 +215,8 @@ def run(command: str, words: Sequence[str], *, trace: bool) -> None:
         say(COMMANDS[command](jobs[0][1]))
 
 
-def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[str]]:
-    """Return the options of a command line, its overrides, and those that are for a launcher of Hydra.
+def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:
+    """Return the options of a command line, the overrides for a launcher of Hydra, and the others of each sweep.
 
     Raises:
         UsageError: an option that does not exist, or has no effect here.
@@ -225,17 +227,20 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[str]]:
     for name in ("-m", "--cfg"):
         parser.add_argument(name, action="store_true")
     parser.add_argument("-j", type=int, choices=range(1, 1025), metavar="N", default=1)
+    shared, *sweeps = [list(part) for dashes, part in groupby(["", *words], "--".__eq__) if not dashes]
     try:
-        options, rest = parser.parse_known_args(words)
+        options, rest = parser.parse_known_args(shared[1:])
     except ArgumentError:
         raise UsageError("-j: must be followed by the number of processes, from 1 to 1024") from None
-    for word in rest:
+    for word in (word for part in (rest, *sweeps) for word in part):
         if word.startswith("-"):
             raise UsageError(f"{word}: there is no such option; {suggest(word, OPTIONS)}")
     launcher = [word for word in rest if word.startswith(("hydra/launcher=", "hydra.launcher."))]
-    if (launcher or options.j > 1) and not options.m:
-        raise UsageError(f"{(launcher or ['-j'])[0]}: shares out the jobs of a multirun; there is no -m")
-    return options, [word for word in rest if word not in launcher], launcher
+    needless = [*launcher, *["-j"] * (options.j > 1), *["--"] * bool(sweeps)]
+    if needless and not options.m:
+        raise UsageError(f"{needless[0]}: is for multiruns; there is no -m")
+    common = [word for word in rest if word not in launcher]
+    return options, launcher, [[*common, *sweep] for sweep in sweeps or [[]]]
 
 
 def show(config: Config) -> None:
