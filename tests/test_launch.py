@@ -2,6 +2,10 @@
 
 import math
 import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +45,26 @@ def test_processes_compute_with_one_thread(
     run_all(os.getenv, [("a", "OMP_NUM_THREADS"), ("b", "NUMBA_NUM_THREADS")], place=tmp_path, **EVERYWHERE[where])
     assert capsys.readouterr().out.split() == ["1", "1"]
     assert os.environ["OMP_NUM_THREADS"] == "7"
+
+
+SLEEPERS = """
+import time
+from echolearn.launch import run_all
+run_all(time.sleep, [("one", 0), ("two", 60), ("three", 60), ("four", 60)], workers=2)
+"""
+
+
+def test_an_interrupt_ends_all_processes_at_once() -> None:
+    with subprocess.Popen([sys.executable, "-c", SLEEPERS], start_new_session=True, stderr=subprocess.PIPE) as process:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        deadline = time.monotonic() + 30
+        while len(children.read_text().split()) < 3 and time.monotonic() < deadline:
+            time.sleep(0.05)
+        began = time.monotonic()
+        os.killpg(process.pid, signal.SIGINT)
+        err = process.communicate(timeout=40)[1]
+    assert time.monotonic() - began < 20
+    assert b"KeyboardInterrupt" in err
 
 
 def test_a_traceback_comes_from_where_the_error_arose(capsys: pytest.CaptureFixture[str]) -> None:

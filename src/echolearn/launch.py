@@ -14,6 +14,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from signal import SIG_DFL, SIGINT, signal
 from typing import TYPE_CHECKING, Any
 
 from echolearn.config import UsageError, folder
@@ -91,10 +92,11 @@ def complaint(error: Exception, *, trace: bool, about: str = "") -> str:
 
 
 def in_processes(trying: Attempt, jobs: Sequence[Job], *, workers: int) -> Iterable[tuple[Any, str]]:
-    """Yield what comes of each job in turn, done by so many processes of this machine."""
+    """Yield what comes of each job in turn, done by so many processes of this machine, which die of an interrupt."""
     from echolearn.dataset import single_threads
 
-    with ProcessPoolExecutor(min(workers, len(jobs)), get_context("spawn")) as pool, single_threads():
+    count, context, die = min(workers, len(jobs)), get_context("spawn"), (SIGINT, SIG_DFL)
+    with ProcessPoolExecutor(count, context, initializer=signal, initargs=die) as pool, single_threads():
         yield from pool.map(trying, jobs)
 
 
