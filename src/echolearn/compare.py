@@ -169,13 +169,13 @@ class Verdict(NamedTuple):
 
 
 def judge_set(contestants: Mapping[Contestant, Sequence[Run]], folder: Path, name: str, resamples: int) -> Verdict:
-    """Judge all contestants on a labelled set; paired tests where it is new to all of them."""
+    """Judge all contestants on a labelled set; on one that any was trained on, on held-out rows and without tests."""
     dataset = Dataset(folder)
     sheet = sheet_of(dataset, name, resamples=resamples)
-    answers = {who: [answer_set(run, dataset) for run in runs] for who, runs in contestants.items()}
+    studied = any(run.data_digest == dataset.digest for runs in contestants.values() for run in runs)
+    answers = {who: [answer_set(run, dataset, studied=studied) for run in runs] for who, runs in contestants.items()}
     rows = [row for who, given in (answers | _chance(sheet)).items() for row in judge.judge_labels(who, given, sheet)]
-    unseen = all(run.data_digest != dataset.digest for runs in contestants.values() for run in runs)
-    return Verdict(rows, list(against_yardstick(answers, sheet, metric="auc", snr_db="")) if unseen else [])
+    return Verdict(rows, [] if studied else list(against_yardstick(answers, sheet, metric="auc", snr_db="")))
 
 
 def judge_walk(contestants: Mapping[Contestant, Sequence[Run]], walk: Walk, resamples: int) -> Verdict:

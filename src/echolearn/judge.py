@@ -2,7 +2,7 @@
 
 A *contestant* is one classifier trained on one set, with its seeds; what it answers about a test set is an `Answer`
 per seed. Every figure is the mean over seeds, its interval a bootstrap over positions (or poses) that is shared by all
-contestants. On the set it was trained on, a contestant is judged on its own held-out positions only.
+contestants. On a set that any of them was trained on, all are judged on the positions held out, seed by seed.
 
 The rows produced here are those of `results.csv`: classifier, trained_on, tested_on, seed (empty: mean over seeds),
 snr_db (empty: all; "low:high": a band, low included, of the last one high, too), noise, metric, value, ci_low,

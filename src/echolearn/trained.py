@@ -66,7 +66,7 @@ class Run:
         return tuple(self.metrics["inputs"])
 
     def held_out(self, dataset: Dataset) -> Array:
-        """Return the rows of its own set that it never saw, shape (B,)."""
+        """Return the rows of a set that this run's split holds out, shape (B,): of its own set, what it never saw."""
         groups = dataset["group"] if self.metrics["split"] == "position" else np.arange(len(dataset))
         return split(groups, share=self.metrics["test_share"], seed=self.seed)[1]
 
@@ -111,9 +111,16 @@ def sheet_of(dataset: Dataset, name: str, *, resamples: int) -> Sheet:
     return Sheet(name, dataset["reflector"], dataset["group"], dataset["snr_db"], weights, noise)
 
 
-def answer_set(run: Run, dataset: Dataset) -> Answer:
-    """Let a run answer about a set: about its held-out rows only where it was trained on this set."""
-    rows = run.held_out(dataset) if run.data_digest == dataset.digest else np.arange(len(dataset))
+def answer_set(run: Run, dataset: Dataset, *, studied: bool = False) -> Answer:
+    """Let a run answer about a set.
+
+    Args:
+        run: a finished run.
+        dataset: the set; only the rows that the run held out if it was trained on it.
+        studied: whether any of those it competes with was; then all are asked about the same rows, seed by seed.
+    """
+    own = run.data_digest == dataset.digest
+    rows = run.held_out(dataset) if own or studied else np.arange(len(dataset))
     return Answer(run.seed, rows, run.confidence({name: dataset[name][rows] for name in run.inputs}), run.threshold)
 
 
