@@ -49,7 +49,7 @@ readme: $(READY) ## run everything from nothing, in runs/fresh, and write the ti
 	  $(MAKE) $$target RUNS=runs/fresh README=readme=README.md || exit 1; \
 	  spent=$$(($$(date +%s) - began)); \
 	  text="<!-- $$target -->$$((spent / 60)) min $$((spent % 60)) s<!-- end -->"; \
-	  sed "s/<!-- $$target -->.*<!-- end -->/$$text/" README.md > README.md.new && mv README.md.new README.md; \
+	  sed "s/<!-- $$target -->[^<]*<!-- end -->/$$text/" README.md > README.md.new && mv README.md.new README.md; \
 	done
 
 test: $(READY) ## run the tests

@@ -96,7 +96,7 @@ def compare(config: Config) -> None:
     from echolearn.config import build, without
 
     readme = Path(config["readme"]) if config["readme"] else None
-    judge(**build(without(config, "choice command window runs readme")), runs=Path(config["runs"]), readme=readme)
+    judge(**build(without(config, "choice window runs readme")), runs=Path(config["runs"]), readme=readme)
 
 
 def verify(folder: str) -> str:
