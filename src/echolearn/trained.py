@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -74,26 +73,23 @@ class Run:
         """Return the belief in a reflector, shape (B,), from named columns (B, ...)."""
         tensor = view_of(self.inputs) == COVARIANCE
         x = columns[self.inputs[0]] if tensor else np.stack([columns[name] for name in self.inputs], axis=1)
-        return np.asarray(self._score(x), dtype=float)
-
-    @cached_property
-    def _score(self) -> Any:
-        return load_scorer(self.folder)
+        return np.asarray(load_scorer(self.folder)(x), dtype=float)
 
 
 def load_runs(runs: Path) -> list[Run]:
     """Return every finished run under `runs/train` whose data are still there, by name.
 
     Raises:
-        BadValue: two of them differ in their settings, but not in classifier, set and seed.
+        BadValue: one is damaged, or two differ in their settings, but not in classifier, set and seed.
     """
     present = {
         store.digest(store.load_manifest(path.parent)["files"]) for path in (runs / "data").glob(f"*/{store.MANIFEST}")
     }
     folders = sorted(path.parent for path in (runs / "train").glob("*/metrics.json"))
-    found = [Run(folder, store.load_json(folder / "metrics.json")) for folder in folders]
+    found = [Run(folder, store.load_manifest(folder)) for folder in folders]
     known = [run for run in found if run.data_digest in present]
     for run in known:
+        store.verify(run.folder)
         twins = [other.identity for other in known if _title(other) == _title(run)]
         hint = "remove the outdated, or train with another name="
         check(len(twins) == 1, "runs", ", ".join(twins), allowed="one run per classifier, set and seed", hint=hint)
