@@ -135,9 +135,9 @@ def draw_maps(contest: Comparison, *, source: str, best: str) -> dict[str, str]:
 
     shown = levels(contest)
     whole = pick(contest.rows, seed="")
-    return {
-        "maps_first": figures.maps(panels(contest, shown[0], source=source, best=best)),
-        "maps_last": figures.maps(panels(contest, shown[-1], source=source, best=best)),
+    ends = {"maps_last": shown[-1], "maps_first": shown[0]} if len(shown) > 1 else {"maps_first": shown[0]}
+    maps = {name: figures.maps(panels(contest, level, source=source, best=best)) for name, level in ends.items()}
+    return maps | {
         "quality": figures.over_snr(quality(contest, whole, source), ylabel="balanced accuracy of the map", low=0.3),
         "directions": figures.over_snr(unfiltered(contest, whole), ylabel="share of points on a wall, unfiltered"),
     }
@@ -209,7 +209,7 @@ def around_table(readme: Path) -> tuple[str, str]:
         BadValue: the file cannot be read, or has not each marker once, in this order.
     """
     try:
-        text = Path(readme).read_text()
+        text = Path(readme).read_bytes().decode()
     except (OSError, ValueError) as error:
         raise BadValue(f"readme={readme}: cannot be read ({store.one_line(error)})") from None
     before, *between = text.split(BEGIN)
