@@ -21,15 +21,15 @@ SPEED = 343.0
 
 @pytest.fixture(scope="module")
 def heard(world: World) -> Heard:
-    """Return the walk at 5 dB with echo-gated directions."""
+    """Return the walk at 0 dB with echo-gated directions."""
     gated = world.arguments["localizers"]["gated"]
-    return hear(world.runs / "survey" / "hall_5dB", gated, name="hall_5dB/gated", resamples=9)
+    return hear(world.runs / "survey" / "hall_0dB", gated, name="hall_0dB/gated", resamples=9)
 
 
 def test_every_pose_has_its_echo_in_its_place(world: World, heard: Heard) -> None:
     """Recordings are heard in blocks; together they give the same."""
     gated = world.arguments["localizers"]["gated"]
-    walk = recording.read(world.runs / "survey" / "hall_5dB")
+    walk = recording.read(world.runs / "survey" / "hall_0dB")
     observation = walk.observe(range(POSES))
     columns = features.describe(Matched(observation, gated.window), gated(observation))
     assert BLOCK < POSES == len(heard.points)
@@ -40,7 +40,7 @@ def test_every_pose_has_its_echo_in_its_place(world: World, heard: Heard) -> Non
 
 def test_points_lie_where_their_echoes_came_from(heard: Heard, world: World) -> None:
     """Its mirror image beyond the wall is as far from microphone 1 as the echo has come."""
-    walk = recording.read(world.runs / "survey" / "hall_5dB")
+    walk = recording.read(world.runs / "survey" / "hall_0dB")
     for pose, place, point, toa, azimuth, elevation in zip(
         walk.poses, heard.poses, heard.points, *(heard.columns[n] for n in ("toa", "azimuth", "elevation")), strict=True
     ):
@@ -66,8 +66,8 @@ def test_true_is_what_lies_within_ten_centimetres_of_a_wall(heard: Heard) -> Non
 
 def test_what_is_known_of_the_recording_is_on_the_sheet(heard: Heard) -> None:
     sheet = heard.sheet
-    assert (sheet.name, sheet.noise) == ("hall_5dB/gated", "white")
-    assert (sheet.snr_db == 5.0).all()
+    assert (sheet.name, sheet.noise) == ("hall_0dB/gated", "white")
+    assert (sheet.snr_db == 0.0).all()
     assert np.array_equal(sheet.groups, np.arange(POSES))
     assert sheet.weights.shape == (9, POSES) and (sheet.weights.sum(axis=1) == POSES).all()
     assert np.array_equal(heard.corners, [[0, 0], [6, 0], [6, 5], [0, 5]])
@@ -75,7 +75,7 @@ def test_what_is_known_of_the_recording_is_on_the_sheet(heard: Heard) -> None:
 
 def test_localizers_hear_the_same_times_and_other_directions(world: World, heard: Heard) -> None:
     whole = hear(
-        world.runs / "survey" / "hall_5dB", world.arguments["localizers"]["snls"], name="hall_5dB/snls", resamples=9
+        world.runs / "survey" / "hall_0dB", world.arguments["localizers"]["snls"], name="hall_0dB/snls", resamples=9
     )
     assert np.array_equal(whole.columns["toa"], heard.columns["toa"])
     assert np.array_equal(whole.sheet.weights, heard.sheet.weights)
@@ -87,7 +87,7 @@ def edited(world: World, tmp_path: Path) -> Callable[..., Path]:
     """Return a function that copies a walk and changes its `survey.yaml`; None removes a key."""
 
     def edit(**changes: Any) -> Path:
-        folder = shutil.copytree(world.runs / "survey" / "hall_5dB", tmp_path / "copy")
+        folder = shutil.copytree(world.runs / "survey" / "hall_0dB", tmp_path / "copy")
         about = yaml.safe_load((folder / "survey.yaml").read_text()) | changes
         about = {key: value for key, value in about.items() if value is not None}
         (folder / "survey.yaml").write_text(yaml.safe_dump(about))

@@ -12,7 +12,7 @@ from echolearn.tables import Comparison
 from echolearn.task import Task
 from echolearn.trained import Run, answer_map, answer_set, load_runs, sheet_of
 from echolearn.types import BadValue
-from world import TRAINED, World, train
+from world import TRAINED, World
 
 UNUSUAL = {
     ("reflector", "position"): "grid",
@@ -61,13 +61,13 @@ def test_runs_whose_set_is_gone_do_not_count(world: World, tmp_path: Path) -> No
     assert load_runs(tmp_path / "nowhere") == []
 
 
-def test_two_runs_of_one_name_are_not_averaged(world: World, tmp_path: Path) -> None:
+def test_two_runs_of_one_name_are_not_averaged(world: World, runs: list[Run], tmp_path: Path) -> None:
     """A classifier with other settings, or an outdated one, would pass for another seed."""
     grid = world.sets["grid"].folder
     shutil.copytree(grid, tmp_path / "data" / grid.name)
-    for column in ("score", "joint"):
-        train(world.sets["grid"], "threshold_peak", seed=4, runs=tmp_path, inputs=[column])
-    with pytest.raises(BadValue, match=r"^runs=threshold_peak-grid-s4-\w+, threshold_peak-grid-s4-\w+: one run per"):
+    for digest in ("0123456789ab", "ba9876543210"):
+        shutil.copytree(called(runs, "svm_pair", "grid", 0).folder, tmp_path / "train" / f"svm_pair-grid-s0-{digest}")
+    with pytest.raises(BadValue, match=r"^runs=svm_pair-grid-s0-0123456789ab, svm_pair-grid-s0-ba9876543210: one run"):
         load_runs(tmp_path)
 
 
@@ -127,7 +127,7 @@ def test_inputs_are_stacked_in_the_runs_order(world: World, runs: list[Run]) -> 
 
 
 def test_every_echo_of_a_walk_is_answered(contest: Comparison, runs: list[Run]) -> None:
-    heard = contest.heard["hall_5dB", "gated"]
+    heard = contest.heard["hall_0dB", "gated"]
     run = called(runs, "threshold_peak", "scattered", 1)
     given = answer_map(run, heard)
     assert np.array_equal(given.rows, np.arange(len(heard.points)))
