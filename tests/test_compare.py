@@ -14,6 +14,7 @@ from echolearn import metrics, report, store
 from echolearn.compare import against_yardstick, compare, find_set, find_survey, to_csv
 from echolearn.judge import Answer, Row, Sheet
 from echolearn.tables import Comparison, pick
+from echolearn.task import Task
 from echolearn.trained import answer_map, answer_set, load_runs
 from echolearn.types import BadValue
 from world import TRAINED, WALKS, World
@@ -112,6 +113,18 @@ def test_a_run_is_judged_on_its_own_set_by_what_it_held_out(results: list[dict[s
             expected = np.mean([run.metrics["test"][metric] for run in runs])
             assert value(results, seed="", metric=metric, **where) == pytest.approx(expected, abs=1e-5)
         assert {row["n"] for row in pick(results, **where)} == {str(runs[0].metrics["rows"]["test"])}
+
+
+def test_on_a_set_that_any_was_trained_on_all_are_judged_by_held_out_rows(
+    results: list[dict[str, str]], contest: Comparison
+) -> None:
+    dataset = contest.sets["scattered"]
+    [run] = contest.runs["svm_pair", "grid"]
+    where = {"classifier": "svm_pair", "trained_on": "grid", "tested_on": "scattered", "snr_db": ""}
+    rows = Task(dataset, seed=run.seed).parts().test
+    expected = metrics.auc(dataset["reflector"][rows], answer_set(run, dataset).confidence[rows])
+    assert value(results, metric="auc", **where) == pytest.approx(float(expected), abs=1e-6)
+    assert {row["n"] for row in pick(results, **where)} == {"28"}
 
 
 def test_elsewhere_it_is_judged_by_every_row(results: list[dict[str, str]], contest: Comparison) -> None:

@@ -104,6 +104,16 @@ def test_elsewhere_it_answers_about_every_row(world: World, runs: list[Run]) -> 
     assert ((given.confidence >= 0) & (given.confidence <= 1)).all()
 
 
+def test_among_others_who_studied_a_set_it_answers_about_what_they_held_out(world: World, runs: list[Run]) -> None:
+    """Seed by seed the same rows for everyone."""
+    dataset = world.sets["scattered"]
+    stranger, student = called(runs, "svm_pair", "grid", 0), called(runs, "svm_pair", "scattered", 0)
+    rows = [answer_set(run, dataset, studied=True).rows for run in (stranger, student)]
+    assert np.array_equal(*rows) and len(rows[0]) == 28
+    everything = answer_set(stranger, dataset)
+    assert np.array_equal(everything.confidence[rows[0]], answer_set(stranger, dataset, studied=True).confidence)
+
+
 def test_another_set_of_the_same_name_is_another_set(world: World, runs: list[Run], tmp_path: Path) -> None:
     """What counts is the digest of the data."""
     copy = Dataset(shutil.copytree(world.sets["grid"].folder, tmp_path / "copy"))
