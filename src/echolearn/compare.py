@@ -6,19 +6,18 @@ The comparison is identified by what goes into it (runs, sets, surveys, settings
 import csv
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from io import StringIO
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from echolearn import judge, report, store
-from echolearn.dataset import Dataset, plain, single_threads
+from echolearn.dataset import Dataset, plain
 from echolearn.hearing import hear
 from echolearn.judge import Answer, Heard, Row, Sheet
 from echolearn.localize import Localizer
+from echolearn.processes import processes
 from echolearn.progress import track
 from echolearn.tables import Comparison, Contestant, snr_of
 from echolearn.trained import Run, answer_map, answer_set, load_runs, sheet_of
@@ -139,7 +138,7 @@ def hold(
     for run in trained:
         contestants[run.classifier, run.trained_on].append(run)
     pairs = [(walk, name) for walk in walks for name in localizers]
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool, single_threads():
+    with processes(workers) as pool:
         jobs = [pool.submit(judge_set, contestants, dataset.folder, name, resamples) for name, dataset in sets.items()]
         for walk, name in pairs:
             task = Walk(walks[walk], f"{walk}/{name}", localizers[name], tested=name == pairs[0][1])

@@ -12,14 +12,10 @@ and what the estimator did not know: SNR, gain, T60, room, pose, true TOAs, and 
 by which every split is made.
 """
 
-import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from hashlib import sha256
 from itertools import groupby
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +25,7 @@ from echolearn import features, store
 from echolearn.geometry import check_inside, distance_to_outline, outline, true_echoes, wall_points
 from echolearn.localize.matched import Matched
 from echolearn.plans import Plan, Spot
+from echolearn.processes import processes
 from echolearn.progress import track
 from echolearn.simulate import Scene, add_noise
 from echolearn.types import Array, BadValue, Observation, check, check_number, check_whole
@@ -88,28 +85,11 @@ def generate(plan: Plan, *, runs: Path, workers: int = 1, command: str | None = 
 
 
 def _simulate(plan: Plan, folder: Path, missing: list[int], *, done: int, workers: int) -> None:
-    """Write the missing shards with single-threaded processes; a failure cancels what has not begun."""
-    with ProcessPoolExecutor(min(workers, len(missing)), get_context("spawn")) as pool, single_threads():
+    """Write the missing shards."""
+    with processes(min(workers, len(missing))) as pool:
         jobs = [pool.submit(_write, plan, folder, shard) for shard in missing]
-        try:
-            for job in track(jobs, f"generate {folder.name}", unit="shards", done=done):
-                job.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-
-
-@contextmanager
-def single_threads() -> Iterator[None]:
-    """Let processes started inside compute with one thread each, or two of them fight over two cores."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
+        for job in track(jobs, f"generate {folder.name}", unit="shards", done=done):
+            job.result()
 
 
 def _write(plan: Plan, folder: Path, shard: int) -> None:

@@ -10,14 +10,12 @@ one thread each.
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
-from signal import SIG_DFL, SIGINT, signal
 from typing import TYPE_CHECKING, Any
 
 from echolearn.config import UsageError, folder
+from echolearn.processes import processes, single_threads
 from echolearn.types import BadValue
 
 if TYPE_CHECKING:
@@ -93,10 +91,7 @@ def complaint(error: Exception, *, trace: bool, about: str = "") -> str:
 
 def in_processes(trying: Attempt, jobs: Sequence[Job], *, workers: int) -> Iterable[tuple[Any, str]]:
     """Yield what comes of each job in turn, done by so many processes of this machine, which die of an interrupt."""
-    from echolearn.dataset import single_threads
-
-    count, context, die = min(workers, len(jobs)), get_context("spawn"), (SIGINT, SIG_DFL)
-    with ProcessPoolExecutor(count, context, initializer=signal, initargs=die) as pool, single_threads():
+    with processes(min(workers, len(jobs))) as pool:
         yield from pool.map(trying, jobs)
 
 
@@ -105,8 +100,6 @@ def by_hydra(trying: Attempt, jobs: Sequence[Job], *, words: Sequence[str], plac
     from hydra import initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
     from hydra.errors import HydraException
-
-    from echolearn.dataset import single_threads
 
     quoted = str(place.resolve()).replace("'", "\\'")
     settings = [f"hydra.sweep.dir='{quoted}'", "hydra.sweep.subdir=.", "hydra.output_subdir=null", *words]
