@@ -12,6 +12,7 @@ import pytest
 
 from echolearn import report, tables
 from echolearn.tables import Comparison, pick
+from echolearn.trained import answer_map
 from echolearn.types import BadValue
 
 NAN = float("nan")
@@ -125,6 +126,38 @@ def test_every_cell_of_the_generalisation_table_is_there(page: Page, contest: Co
 def test_the_same_comparison_gives_the_same_report(files: dict[str, bytes], compared: Path) -> None:
     """In another process, by way of the disk."""
     assert all((compared / name).read_bytes() == content for name, content in files.items())
+
+
+# ---------------------------------------------------------------- what is drawn
+
+
+def test_maps_are_drawn_before_and_after_the_filter(contest: Comparison) -> None:
+    [before, after] = report.panels(contest, "-10", source="scattered", best="svm_pair")
+    heard = contest.heard["hall_-10dB", "gated"]
+    assert before[1] is heard and after[1] is heard
+    assert before[0] == "hall m, SNR -10 dB: every estimate"
+    assert after[0] == "hall m, SNR -10 dB: filtered by svm_pair"
+    assert before[2].all()
+    answer = answer_map(contest.runs["svm_pair", "scattered"][0], heard)
+    assert np.array_equal(after[2], answer.confidence >= answer.threshold) and not after[2].all()
+
+
+def test_quality_is_drawn_over_snr_with_the_main_direction(contest: Comparison) -> None:
+    whole = pick(contest.rows, seed="")
+    lines = report.quality(contest, whole, "scattered")["hall"]
+    assert set(lines) == set(CLASSIFIERS)
+    for name, rows in lines.items():
+        assert [(row["classifier"], row["tested_on"], row["snr_db"], row["metric"]) for row in rows] == [
+            (name, f"hall_{snr_db}dB/gated", snr_db, "balanced_accuracy") for snr_db in ("0", "-10")
+        ]
+
+
+def test_directions_are_drawn_without_a_filter(contest: Comparison) -> None:
+    lines = report.unfiltered(contest, pick(contest.rows, seed=""))["hall"]
+    assert list(lines) == ["gated", "snls"]
+    shares = [row["value"] for row in lines["snls"]]
+    expected = [contest.heard[f"hall_{snr_db}dB", "snls"].sheet.reference.mean() for snr_db in ("0", "-10")]
+    assert shares == pytest.approx(expected)
 
 
 # ---------------------------------------------------------------- comparisons of another kind
