@@ -113,7 +113,7 @@ def test_the_first_sentence_says_what_the_comparison_found(page: Page, contest: 
     sentence = f"In hall at 0 dB, {best} trained on scattered removes {removed} of the spurious points and keeps"
     assert f"{sentence} {kept} of the true ones" in page.text
     [test] = pick(contest.tests, **where)
-    assert f"its balanced accuracy is {100 * test['difference']:+.1f} [" in page.text
+    assert f"its balanced accuracy differs from the bare threshold's by {100 * test['difference']:+.1f} [" in page.text
 
 
 def test_every_cell_of_the_generalisation_table_is_there(page: Page, contest: Comparison) -> None:
