@@ -39,8 +39,8 @@ paper: $(READY) ## the main job in full size: sets, classifiers, surveys, compar
 tiny: $(READY) ## the same path on small sets, for a first look
 	$(RUN) generate -m runs=$(RUNS)/tiny plan=tiny,tiny_scattered
 	$(TRAIN) runs=$(RUNS)/tiny classifier=threshold_peak,svm_pair,svm_features,trees_features,mlp_features plan=tiny_scattered
-	$(RUN) survey -m -j $(JOBS) runs=$(RUNS)/tiny room=8x6x5 snr_db=-5,10 poses=60
-	$(RUN) compare runs=$(RUNS)/tiny name=tiny 'tested=[tiny,tiny_scattered]' 'surveys=[8x6x5_-5dB,8x6x5_10dB]' resamples=200
+	$(RUN) survey -m -j $(JOBS) runs=$(RUNS)/tiny room=8x6x5 snr_db=-5,0 poses=60
+	$(RUN) compare runs=$(RUNS)/tiny name=tiny 'tested=[tiny,tiny_scattered]' 'surveys=[8x6x5_-5dB,8x6x5_0dB]' resamples=200
 
 readme: $(READY) ## run everything from nothing, in runs/fresh, and write the times and results into README.md
 	rm -rf runs/fresh

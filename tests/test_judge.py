@@ -269,12 +269,24 @@ class TestPairs:
         assert found["difference"] == 1.0 and found["n"] == 2
         assert found["p"] == pytest.approx(0.5, abs=0.07)
 
-    def test_holm_counts_the_tests_of_the_same_metric(self) -> None:
-        tests = [{"metric": "auc", "p": p} for p in (0.01, 0.04, 0.03)] + [{"metric": "balanced_accuracy", "p": 0.2}]
+    def test_holm_counts_the_tests_of_the_same_metric_and_training_set(self) -> None:
+        tests = [{"metric": "auc", "trained_on": "a", "p": p} for p in (0.01, 0.04, 0.03)]
+        tests += [{"metric": "balanced_accuracy", "trained_on": "a", "p": 0.2}]
+        assert judge.correct([*tests, {"metric": "auc", "trained_on": "b", "p": 0.5}])[-1]["p_holm"] == 0.5
         corrected = judge.correct(tests)
         assert [row["p_holm"] for row in corrected] == pytest.approx([0.03, 0.06, 0.06, 0.2])
         assert [row["p"] for row in corrected] == [row["p"] for row in tests]
         assert judge.correct([]) == []
+
+    def test_a_perfect_classifier_is_significant_among_many_tests(self) -> None:
+        """The smallest p value, of so many swaps, times the tests of a family must stay well below 0.05."""
+        reference = np.arange(200) % 3 == 0
+        coin = np.random.default_rng(0).uniform(size=200)
+        exam = Sheet("set", reference, np.arange(200), np.zeros(200), np.ones((20, 200)))
+        sure, unsure = (Answer(0, np.arange(200), values, 0.5) for values in (reference.astype(float), coin))
+        found = judge.compare_pair([sure], [unsure], exam, metric="balanced_accuracy")
+        family = [found | {"trained_on": "a"}, *({"metric": "balanced_accuracy", "trained_on": "a", "p": 0.9},) * 79]
+        assert judge.correct(family)[0]["p_holm"] < 0.02
 
 
 def _balanced(exam: Sheet, given: Answer) -> float:

@@ -171,3 +171,12 @@ def test_bad_walks_are_refused_before_anything_is_written(
     assert str(refused.value).startswith(message)
     assert "\n" not in str(refused.value)
     assert not list(tmp_path.iterdir())
+
+
+def test_recordings_of_another_origin_are_never_overwritten(walk: Walk, tmp_path: Path) -> None:
+    folder = tmp_path / "runs" / "survey" / "robot"
+    (folder / "observations").mkdir(parents=True)
+    (folder / "observations" / "0000.wav").write_bytes(b"a real robot")
+    with pytest.raises(BadValue, match="another origin"):
+        walk(tmp_path / "runs", name="robot")
+    assert (folder / "observations" / "0000.wav").read_bytes() == b"a real robot"

@@ -183,7 +183,7 @@ class TestSets:
         ]
         [line] = tables.protocol(bare({("a", "set"): runs}))
         assert line["test"] == pytest.approx(figures(0.8))
-        assert line["spread"] == pytest.approx(0.1)
+        assert line["spread"] == pytest.approx(0.1 * 2**0.5)
         assert line["folds"] == 0.77
 
     def test_a_set_is_described_by_its_rows(self, world: World) -> None:

@@ -19,9 +19,9 @@ from echolearn.judge import Answer, Heard, Row, Sheet
 from echolearn.localize import Localizer
 from echolearn.processes import processes
 from echolearn.progress import track
-from echolearn.tables import Comparison, Contestant, snr_of
+from echolearn.tables import SHOWN_DB, Comparison, Contestant, snr_of
 from echolearn.trained import Run, answer_map, answer_set, load_runs, sheet_of
-from echolearn.types import BadValue, check, check_whole
+from echolearn.types import BadValue, check, check_list, check_name, check_whole
 
 COLUMNS = "classifier trained_on tested_on seed snr_db noise metric value ci_low ci_high n".split()
 TEST_COLUMNS = "classifier against trained_on tested_on snr_db metric difference ci_low ci_high p p_holm n".split()
@@ -61,6 +61,9 @@ def compare(
         BadValue: a set or survey that is missing or damaged, no trained runs, or several that differ in their
             settings but not in their name, a README without the markers.
     """
+    check_name("name", name)
+    check_list("tested", tested)
+    check_list("surveys", surveys)
     check_whole("resamples", resamples, low=20, high=100_000)
     check_whole("workers", workers, low=1, high=1024)
     if readme is not None:
@@ -184,7 +187,8 @@ def judge_walk(contestants: Mapping[Contestant, Sequence[Run]], walk: Walk, resa
     answers = {who: [answer_map(run, heard) for run in runs] for who, runs in contestants.items()}
     everyone = (_references(heard) | answers).items()
     rows = [row for who, given in everyone for row in judge.judge_map(who, given, heard, snr_db=snr_db)]
-    paired = against_yardstick(answers, heard.sheet, metric="balanced_accuracy", snr_db=snr_db) if walk.tested else []
+    tested = walk.tested and snr_db in SHOWN_DB
+    paired = against_yardstick(answers, heard.sheet, metric="balanced_accuracy", snr_db=snr_db) if tested else []
     return Verdict(rows, list(paired), heard)
 
 
@@ -199,10 +203,10 @@ def _references(heard: Heard) -> dict[Contestant, list[Answer]]:
 def against_yardstick(
     answers: Mapping[Contestant, Sequence[Answer]], sheet: Sheet, *, metric: str, snr_db: str
 ) -> Iterable[Row]:
-    """Test every classifier against the bare threshold trained on the same set, if with the same seeds."""
+    """Test every classifier against the bare threshold of the same set and seeds, leaky splits left out."""
     for (classifier, trained_on), given in answers.items():
         yardstick = answers.get((YARDSTICK, trained_on), ())
-        if classifier != YARDSTICK and judge.paired(given, yardstick):
+        if classifier != YARDSTICK and "split" not in trained_on and judge.paired(given, yardstick):
             where = {"trained_on": trained_on, "tested_on": sheet.name, "snr_db": snr_db}
             tested = judge.compare_pair(given, yardstick, sheet, metric=metric)
             yield {"classifier": classifier, "against": YARDSTICK, **where, **tested}

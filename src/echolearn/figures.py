@@ -42,7 +42,7 @@ def draw(paint: Callable[[Figure], None], *, width: float, height: float) -> str
         figure = Figure(figsize=(width, height), layout="constrained")
         paint(figure)
         text = StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None}, bbox_inches="tight")
     return text.getvalue()
 
 
@@ -64,7 +64,7 @@ def maps(panels: Sequence[tuple[str, Heard, Array]], *, columns: int = 2) -> str
         handles, labels = axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=5)
 
-    return draw(paint, width=4.6 * columns, height=4.0 * height + 0.45 * rows + 0.6)
+    return draw(paint, width=4.6 * columns, height=4.0 * height + 0.8 * rows + 0.8)
 
 
 def paint_map(axis: Axes, title: str, heard: Heard, kept: Array) -> None:
@@ -130,7 +130,7 @@ def over_snr(panels: Mapping[str, Mapping[str, Sequence[Row]]], *, ylabel: str, 
         handles, labels = axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4)
 
-    return draw(paint, width=4.6 * len(panels), height=4.2)
+    return draw(paint, width=max(4.6 * len(panels), 7.0), height=4.2)
 
 
 def paint_line(axis: Axes, label: str, rows: Sequence[Row], *, number: int) -> None:

@@ -22,6 +22,9 @@ from echolearn.types import Array, check
 BANDS = ((-40, -20), (-20, -15), (-15, -10), (-10, -5), (-5, 40))
 """dB, from and to; classifiers differ between -20 and -5 dB only."""
 
+SWAPS = 5000
+"""Permutations behind a p value: 1 / 5001 times the number of tests in a family must lie well below 0.05."""
+
 Row = dict[str, Any]
 
 
@@ -199,7 +202,18 @@ def judge_map(who: tuple[str, str], answers: Sequence[Answer], heard: Heard, *, 
             weights=weights,
         )
 
-    yield from judge(who, answers, heard.sheet, every, snr_db=snr_db)
+    reference = heard.sheet.reference
+    counts = {"true_retention": reference.sum(), "spurious_removal": (~reference).sum()}
+    for row in judge(who, answers, heard.sheet, every, snr_db=snr_db):
+        yield at_the_edge(row, int(counts[row["metric"]])) if row["metric"] in counts else row
+
+
+def at_the_edge(row: Row, count: int) -> Row:
+    """Return a row of a share, by Wilson's interval where all of `count` points or none leave a bootstrap no width."""
+    if row["seed"] != "" or row["value"] not in (0.0, 1.0) or count == 0:
+        return row
+    found = stats.wilson(round(row["value"] * count), count)
+    return row | {"ci_low": found.low, "ci_high": found.high}
 
 
 def yardsticks(reference: Array, *, seed: int = 0) -> dict[str, Answer]:
@@ -243,6 +257,7 @@ def compare_pair(first: Sequence[Answer], second: Sequence[Answer], sheet: Sheet
         groups=sheet.groups[rows],
         weights=sheet.weights[:, rows],
         ranked=metric == "auc",
+        swaps=SWAPS,
         seed=seed,
     )
     value, low, high, p = difference
@@ -261,10 +276,10 @@ def _answer(answer: Answer, metric: str) -> Array:
 
 
 def correct(tests: Iterable[Row]) -> list[Row]:
-    """Add Holm's correction for the number of tests made of the same metric, as `p_holm`."""
+    """Add Holm's correction, as `p_holm`, for the number of tests of the same metric and training set."""
     rows = list(tests)
     adjusted: dict[int, float] = {}
-    for metric in {row["metric"] for row in rows}:
-        family = [index for index, row in enumerate(rows) if row["metric"] == metric]
+    for key in {(row["metric"], row["trained_on"]) for row in rows}:
+        family = [index for index, row in enumerate(rows) if (row["metric"], row["trained_on"]) == key]
         adjusted |= dict(zip(family, stats.holm(np.array([rows[index]["p"] for index in family])), strict=True))
     return [row | {"p_holm": float(adjusted[index])} for index, row in enumerate(rows)]

@@ -14,7 +14,7 @@ import numpy as np
 from echolearn.geometry import SearchWindow, check_inside
 from echolearn.localize import Localizer
 from echolearn.simulate import Scene
-from echolearn.types import Array, Pose, Room, check, check_number, check_whole
+from echolearn.types import Array, Pose, Room, check, check_list, check_name, check_number, check_whole
 
 
 @dataclass(frozen=True)
@@ -132,6 +132,8 @@ class ScatteredPlan:
     def __post_init__(self) -> None:
         _check_common(self)
         check_whole("plan.rows", self.rows, low=1)
+        check_list("plan.size_low", self.size_low, length=3, allowed="three lengths in m")
+        check_list("plan.size_high", self.size_high, length=3, allowed="three lengths in m")
         for low, high in zip(self.size_low, self.size_high, strict=True):
             check_range("plan.size_low", (low, high), low=0.5, high=200.0, unit="m")
         check_range("plan.t60", self.t60, low=0.01, high=10.0, unit="s")
@@ -161,15 +163,14 @@ Plan = GridPlan | ScatteredPlan
 
 def check_range(name: str, limits: tuple[float, float], *, low: float, high: float, unit: str = "") -> None:
     """Raise `BadValue` unless `limits` are two ordered numbers within [low, high]."""
-    check(len(limits) == 2, name, list(limits), allowed="two numbers, lowest first")
+    check_list(name, limits, length=2, allowed="two numbers, lowest first")
     for value in limits:
         check_number(name, value, low=low, high=high, unit=unit)
     check(limits[0] <= limits[1], name, list(limits), allowed="two numbers, lowest first", hint="are they swapped?")
 
 
 def _check_common(plan: Plan) -> None:
-    spelled = str(plan.name).replace("_", "").replace("-", "")
-    check(spelled.isalnum(), "plan.name", plan.name, allowed="letters, digits, - and _")
+    check_name("plan.name", plan.name)
     check_whole("plan.seed", plan.seed, low=0)
     check_whole("plan.shard_rows", plan.shard_rows, low=1, high=4096, unit="rows")
     plan.window.lags(plan.scene.array, plan.scene.probe.sample_rate, plan.scene.speed_of_sound)

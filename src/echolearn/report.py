@@ -21,6 +21,7 @@ from echolearn import store
 from echolearn.judge import Heard, Row
 from echolearn.tables import (
     Comparison,
+    away,
     chosen,
     directions,
     drawn,
@@ -114,17 +115,16 @@ def draw_sets(contest: Comparison, *, source: str) -> dict[str, str]:
     """Return the figures about labelled sets: AUC by band, belief, arrival times on and off the grid."""
     from echolearn import figures
 
-    names = list(contest.sets)
-    away = next((name for name in names if name.startswith("offgrid")), names[-1])
-    lines = pick(contest.rows, seed="", tested_on=away, metric="auc", trained_on=source)
+    names, shown = list(contest.sets), away(contest)
+    lines = pick(contest.rows, seed="", tested_on=shown, metric="auc", trained_on=source)
     labels = drawn(contest, source)
     banded = {name: [row for row in pick(lines, classifier=name) if ":" in row["snr_db"]] for name in labels}
-    dataset = contest.sets[away]
+    dataset = contest.sets[shown]
     answers = {name: answer_set(contest.runs[name, source][0], dataset) for name in labels}
-    times = {name: (1e3 * contest.sets[name]["toa"], contest.sets[name]["reflector"]) for name in (names[0], away)}
+    times = {name: (1e3 * contest.sets[name]["toa"], contest.sets[name]["reflector"]) for name in (names[0], shown)}
     return {
         "bands": figures.bands(banded),
-        "belief": figures.belief(answers, sheet_of(dataset, away, resamples=1)),
+        "belief": figures.belief(answers, sheet_of(dataset, shown, resamples=1)),
         "arrival_times": figures.arrival_times(times),
     }
 

@@ -10,7 +10,10 @@ from echolearn.geometry import check_inside, outline
 from echolearn.mapping import trajectory
 from echolearn.progress import track
 from echolearn.simulate import Scene, observe
-from echolearn.types import BadValue, Pose, Room, check, check_number, check_whole
+from echolearn.types import BadValue, Pose, Room, check, check_name, check_number, check_whole
+
+BEGUN = "simulated.json"
+"""Written first: what the survey is made from, and the sign that its recordings are nobody's but ours."""
 
 
 def survey(
@@ -44,8 +47,7 @@ def survey(
     Raises:
         BadValue: values out of range, or a survey of that name made otherwise.
     """
-    spelled = str(name).replace("_", "").replace("-", "").replace(".", "")
-    check(spelled.isalnum(), "name", name, allowed="letters, digits, dots, - and _")
+    check_name("name", name)
     check_number("snr_db", snr_db, low=-100.0, high=100.0, unit="dB")
     check_whole("seed", seed, low=0)
     walk = trajectory(room, poses=poses, start=start)
@@ -59,8 +61,9 @@ def survey(
     if _is_finished(folder, about):
         return folder
     store.clean(folder)
+    store.save_json(folder / BEGUN, about)
     _write(folder, walk, room=room, scene=scene, snr_db=snr_db, seed=seed)
-    files = ["survey.yaml", "probe.wav", "poses.csv", *_names(walk)]
+    files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *_names(walk)]
     store.finish(folder, about | store.made_by(command), files)
     return folder
 
@@ -71,6 +74,9 @@ def _names(walk: list[Pose]) -> list[str]:
 
 def _is_finished(folder: Path, about: dict[str, object]) -> bool:
     """Tell whether the survey stands there whole; one made otherwise is refused, a damaged one is made again."""
+    foreign = folder.is_dir() and any(folder.iterdir()) and not (folder / BEGUN).is_file()
+    hint = f"{folder} holds recordings of another origin"
+    check(not foreign, "name", folder.name, allowed="a new name, or that of a simulated survey", hint=hint)
     try:
         manifest = store.load_manifest(folder)
     except BadValue:

@@ -5,7 +5,7 @@ A *line* is a dictionary that a template shows; its cells are rows of `results.c
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import mean
+from statistics import mean, stdev
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,7 @@ def gather(contest: Comparison, *, source: str, best: str) -> dict[str, Any]:
         "rooms": [describe_room(contest, whole, room, source=source, best=best) for room in rooms(contest)],
         "names": list(dict.fromkeys(row["classifier"] for row in whole if row["trained_on"] in ("-", source))),
         "worst": worst_off_grid(whole, source),
+        "away": away(contest),
         "directions": directions(whole, contest),
         "generalisation": generalisation(whole, contest),
         "protocol": protocol(contest),
@@ -191,6 +192,12 @@ def directions(whole: Sequence[Row], contest: Comparison) -> list[dict[str, Any]
     return [{"room": room, "localizer": localizer, **line} for (room, localizer), line in lines.items()]
 
 
+def away(contest: Comparison) -> str:
+    """Return the set whose curves are drawn: the first one off the grid, or the last one."""
+    names = list(contest.sets)
+    return next((name for name in names if name.startswith("offgrid")), names[-1])
+
+
 def worst_off_grid(whole: Sequence[Row], source: str) -> dict[str, Row]:
     """Return each contestant's lowest AUC over the off-grid sets."""
     here = [
@@ -228,7 +235,7 @@ def protocol(contest: Comparison) -> list[dict[str, Any]]:
             }
         crossed = [run.metrics["cross_validation"] for run in runs if run.metrics["cross_validation"]]
         line["folds"] = mean(result["balanced_accuracy"]["mean"] for result in crossed) if crossed else None
-        line["spread"] = float(np.std([run.metrics["test"]["auc"] for run in runs]))
+        line["spread"] = stdev(run.metrics["test"]["auc"] for run in runs) if len(runs) > 1 else None
         lines.append(line)
     return lines
 

@@ -93,6 +93,8 @@ def load_runs(runs: Path) -> list[Run]:
         twins = [other.identity for other in known if _title(other) == _title(run)]
         hint = "remove the outdated, or train with another name="
         check(len(twins) == 1, "runs", ", ".join(twins), allowed="one run per classifier, set and seed", hint=hint)
+        named = run.metrics["run"]
+        check(run.identity == named, "run", run.folder, allowed=f"a folder called {named}", hint="was it renamed?")
     return known
 
 

@@ -28,7 +28,7 @@ from echolearn.classify import Classifier
 from echolearn.classify.calibration import Calibrated, calibrate
 from echolearn.classify.inputs import as_input
 from echolearn.task import Parts, Task
-from echolearn.types import Array, BadValue, check
+from echolearn.types import Array, BadValue, check, check_name
 
 FORMAT = 1
 """Version of the run folder; part of every digest."""
@@ -61,6 +61,7 @@ def train(
     Raises:
         BadValue: an argument out of range, a column that the set lacks, a part without both labels, a full disk.
     """
+    check_name("name", name)
     check(folds in (0, *range(2, 21)), "folds", folds, allowed="0, or from 2 to 20")
     identity = {"format": FORMAT, "name": name, "classifier": dict(config), "task": task.identity(), "folds": folds}
     folder = Path(runs) / "train" / f"{name}-{task.dataset.name}-s{task.seed}-{store.digest(identity)}"

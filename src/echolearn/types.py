@@ -53,6 +53,19 @@ def check_whole(name: str, value: object, *, low: int, high: int = 10**9, unit: 
     check(isinstance(value, int | np.integer), name, f"{value} {unit}".rstrip(), allowed="a whole number", hint=hint)
 
 
+def check_name(name: str, value: object) -> None:
+    """Raise `BadValue` unless `value` can name a folder: letters, digits, dots, - and _, no dot or - first."""
+    spelled = isinstance(value, str) and value[:1] not in ".-" and all(c.isalnum() or c in "._-" for c in value)
+    check(bool(spelled and value), name, value, allowed="a name of letters, digits, dots, - and _", hint="no path")
+
+
+def check_list(name: str, value: object, *, length: int | None = None, allowed: str = "a list, [a,b]") -> None:
+    """Raise `BadValue` unless `value` is a list, of `length` items if that is given."""
+    listed = isinstance(value, list | tuple | np.ndarray)
+    fits = listed and length in (None, len(value))  # type: ignore[arg-type]
+    check(fits, name, list(value) if listed else value, allowed=allowed, hint="" if listed else "are brackets missing?")  # type: ignore[call-overload]
+
+
 @dataclass(frozen=True)
 class Room:
     """A shoebox room spanning [0, size].
@@ -69,10 +82,10 @@ class Room:
     walls: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
-        check(len(self.size) == 3, "room.size", list(self.size), allowed="three lengths in m")
+        check_list("room.size", self.size, length=3, allowed="three lengths in m")
         for length in self.size:
             check_number("room.size", length, low=0.5, high=200.0, unit="m")
-        check(len(self.walls) == 6, "room.walls", list(self.walls), allowed="six factors from 0 to 1")
+        check_list("room.walls", self.walls, length=6, allowed="six factors from 0 to 1")
         for factor in self.walls:
             check_number("room.walls", factor, low=0.0, high=1.0)
         object.__setattr__(self, "size", tuple(float(v) for v in self.size))
