@@ -84,13 +84,8 @@ def compare(
         "report": report.FORMAT,
     }
     if not _is_finished(folder, inputs):
-        store.clean(folder)
         contest = hold(trained, sets, walks, localizers, resamples=resamples, workers=workers)
-        files = {"results.csv": to_csv(contest.rows, COLUMNS), "tests.csv": to_csv(contest.tests, TEST_COLUMNS)}
-        files |= report.make(contest, name=name)
-        for file, content in files.items():
-            store.write_atomic(folder / file, content)
-        store.finish(folder, {"kind": "comparison", "inputs": inputs} | store.made_by(command), files)
+        _write(folder, contest, about={"kind": "comparison", "inputs": inputs} | store.made_by(command))
     report.show(folder, readme=readme)
     return folder
 
@@ -100,6 +95,15 @@ def _is_finished(folder: Path, inputs: Mapping[str, Any]) -> bool:
         return bool(store.verify(folder).get("inputs") == inputs)
     except BadValue:
         return False
+
+
+def _write(folder: Path, contest: Comparison, *, about: Mapping[str, Any]) -> None:
+    store.clean(folder)
+    files = {"results.csv": to_csv(contest.rows, COLUMNS), "tests.csv": to_csv(contest.tests, TEST_COLUMNS)}
+    files |= report.make(contest, name=folder.name)
+    for file, content in files.items():
+        store.write_atomic(folder / file, content)
+    store.finish(folder, about, files)
 
 
 def find_set(runs: Path, name: str) -> Path:
