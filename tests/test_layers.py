@@ -15,7 +15,7 @@ SOURCE = Path(echolearn.__file__).parent
 ORDER = """
     types processes progress config store geometry signals coverage stats recording noise localize rir features
     metrics mapping simulate plans dataset survey judge hearing classify task training trained tables figures report
-    compare launch cli
+    compare launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 

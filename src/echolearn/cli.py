@@ -1,24 +1,18 @@
 """The commands: `echolearn <command> [overrides]`.
 
 Hydra composes what a command shall do from `conf/<command>.yaml`, its groups and the overrides; with `-m` the command
-runs once for every combination of the swept values. A command here receives plain containers, builds what they
-describe, calls the library, and returns where the result is. Whatever goes wrong ends as one line on stderr and a
-status that is not zero.
+runs once for every combination of the swept values. What it then does stands in `commands`. Whatever goes wrong ends
+as one line on stderr and a status that is not zero.
 """
 
 import os
 import sys
 from argparse import ArgumentError, ArgumentParser, Namespace
-from collections.abc import Callable, Sequence
-from functools import cache
+from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from echolearn.dataset import Dataset
-
-Config = dict[str, Any]
+from echolearn.commands import COMMANDS, Config, verify
 
 HELP = """usage: echolearn <command> [key=value ...] [options]
 
@@ -37,81 +31,6 @@ options:
 
 More than this is in Hydra's override grammar: key=[1,2] is one list, 'classifier=glob(*)' sweeps over all options.
 """
-
-
-def generate(config: Config) -> Path:
-    """Make the labelled set of a plan; continues where it was interrupted."""
-    from echolearn import dataset
-    from echolearn.config import build
-
-    plan, runs = build(config["plan"], "plan"), Path(config["runs"])
-    return dataset.generate(plan, runs=runs, workers=config["workers"], command=config["command"])
-
-
-def train(config: Config) -> Path:
-    """Train a classifier on the set of a plan, calibrate, export and judge it."""
-    from echolearn.config import build
-    from echolearn.dataset import folder_of
-    from echolearn.task import Task
-    from echolearn.training import train as fit
-    from echolearn.types import check
-
-    runs, about = Path(config["runs"]), config["classifier"]
-    folder = folder_of(build(config["plan"], "plan"), runs)
-    hint = f"run: echolearn generate plan={config['choice']['plan']}"
-    check(folder.is_dir(), "plan", folder.name, allowed=f"a set that exists under {folder.parent}", hint=hint)
-    dataset = open_set(folder.resolve())
-    task = Task(dataset, **{key: config[key] for key in ("target", "seed", "split", "test_share", "validation_share")})
-    result = fit(
-        task,
-        name=config["name"],
-        classifier=lambda: build(about, "classifier"),
-        config=about,
-        runs=runs,
-        folds=config["folds"],
-        command=config["command"],
-    )
-    return runs / "train" / str(result["run"])
-
-
-@cache
-def open_set(folder: Path) -> "Dataset":
-    """Open a set, once for all the jobs of a multirun."""
-    from echolearn.dataset import Dataset
-
-    return Dataset(folder)
-
-
-def survey(config: Config) -> Path:
-    """Simulate a robot's walk through a room and store its recordings."""
-    from echolearn.config import build, without
-    from echolearn.survey import survey as walk
-
-    return walk(**build(without(config, "choice rir noise runs")), runs=Path(config["runs"]))
-
-
-def compare(config: Config) -> None:
-    """Compare every trained run on every test set and survey: tables, tests, figures, report."""
-    from echolearn.compare import compare as judge
-    from echolearn.config import build, without
-
-    readme = Path(config["readme"]) if config["readme"] else None
-    judge(**build(without(config, "choice window runs readme")), runs=Path(config["runs"]), readme=readme)
-
-
-def verify(folder: str) -> str:
-    """Re-prove finished folders: the size and checksum of every file."""
-    from echolearn import store
-
-    return f"{folder}: whole, {len(store.verify(Path(folder))['files'])} files"
-
-
-COMMANDS: dict[str, Callable[[Config], Path | None]] = {
-    "generate": generate,
-    "train": train,
-    "survey": survey,
-    "compare": compare,
-}
 
 
 OPTIONS = ("-m", "-j", "--cfg", "--help", "--traceback")

@@ -1,0 +1,90 @@
+"""The commands, each on a few lines: what it builds from its configuration, which function it calls, what it returns.
+
+A command receives plain containers, as `config.compose` gives them, and returns where the result is. Libraries are
+imported inside, so that asking for help stays fast.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from echolearn.dataset import Dataset
+
+Config = dict[str, Any]
+
+
+def generate(config: Config) -> Path:
+    """Make the labelled set of a plan; continues where it was interrupted."""
+    from echolearn import dataset
+    from echolearn.config import build
+
+    plan, runs = build(config["plan"], "plan"), Path(config["runs"])
+    return dataset.generate(plan, runs=runs, workers=config["workers"], command=config["command"])
+
+
+def train(config: Config) -> Path:
+    """Train a classifier on the set of a plan, calibrate, export and judge it."""
+    from echolearn.config import build
+    from echolearn.dataset import folder_of
+    from echolearn.task import Task
+    from echolearn.training import train as fit
+    from echolearn.types import check
+
+    runs, about = Path(config["runs"]), config["classifier"]
+    folder = folder_of(build(config["plan"], "plan"), runs)
+    hint = f"run: echolearn generate plan={config['choice']['plan']}"
+    check(folder.is_dir(), "plan", folder.name, allowed=f"a set that exists under {folder.parent}", hint=hint)
+    dataset = open_set(folder.resolve())
+    task = Task(dataset, **{key: config[key] for key in ("target", "seed", "split", "test_share", "validation_share")})
+    result = fit(
+        task,
+        name=config["name"],
+        classifier=lambda: build(about, "classifier"),
+        config=about,
+        runs=runs,
+        folds=config["folds"],
+        command=config["command"],
+    )
+    return runs / "train" / str(result["run"])
+
+
+@cache
+def open_set(folder: Path) -> "Dataset":
+    """Open a set, once for all the jobs of a multirun."""
+    from echolearn.dataset import Dataset
+
+    return Dataset(folder)
+
+
+def survey(config: Config) -> Path:
+    """Simulate a robot's walk through a room and store its recordings."""
+    from echolearn.config import build, without
+    from echolearn.survey import survey as walk
+
+    return walk(**build(without(config, "choice rir noise runs")), runs=Path(config["runs"]))
+
+
+def compare(config: Config) -> None:
+    """Compare every trained run on every test set and survey: tables, tests, figures, report."""
+    from echolearn.compare import compare as judge
+    from echolearn.config import build, without
+
+    readme = Path(config["readme"]) if config["readme"] else None
+    judge(**build(without(config, "choice window runs readme")), runs=Path(config["runs"]), readme=readme)
+
+
+def verify(folder: str) -> str:
+    """Re-prove finished folders: the size and checksum of every file."""
+    from echolearn import store
+
+    return f"{folder}: whole, {len(store.verify(Path(folder))['files'])} files"
+
+
+COMMANDS: dict[str, Callable[[Config], Path | None]] = {
+    "generate": generate,
+    "train": train,
+    "survey": survey,
+    "compare": compare,
+}
