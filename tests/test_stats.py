@@ -1,5 +1,7 @@
 """Intervals must cover, tests must not cry wolf: simulations with a known truth, and values by hand."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.stats import binomtest
@@ -123,16 +125,20 @@ def pair(rng, *, clusters=60, rows=3, better=0.0):
     return reference, first, second, groups
 
 
-@pytest.mark.parametrize("name", ["auc", "accuracy"])
+auc_test = partial(stats.paired_test, metrics.auc, shares=metrics.auc_shares)
+
+
+@pytest.mark.parametrize("name", ["auc", "balanced_accuracy"])
 def test_no_difference_is_found_where_there_is_none(name):
     rng, cases, found = np.random.default_rng(8), 300, 0
     for case in range(cases):
         reference, first, second, groups = pair(rng)
-        if name == "accuracy":
+        if name == "balanced_accuracy":
             first, second = first > 1, second > 1
         result = stats.paired_test(
             getattr(metrics, name),
             reference,
+            shares=getattr(metrics, f"{name}_shares"),
             first=first,
             second=second,
             groups=groups,
@@ -145,10 +151,38 @@ def test_no_difference_is_found_where_there_is_none(name):
     assert 0.02 <= found / cases <= 0.09
 
 
+@pytest.mark.parametrize("name", ["auc", "balanced_accuracy"])
+def test_swapping_is_linear_in_the_shares(name):
+    rng = np.random.default_rng(4)
+    reference, first, second, _ = pair(rng, clusters=12)
+    first, second = (first > 1, second > 1) if name == "balanced_accuracy" else (first.round(), second.round())
+    metric, shares = getattr(metrics, name), getattr(metrics, f"{name}_shares")(reference, first, second)
+    assert len(set(first)) < len(first)
+    for _ in range(20):
+        swap = rng.integers(2, size=len(reference)).astype(bool)
+        one, other = np.where(swap, second, first), np.where(swap, first, second)
+        expected = metric(reference, one) - metric(reference, other)
+        assert np.where(swap, -shares, shares).sum() == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_p_value_counts_literal_swaps():
+    reference, first, second, groups = pair(np.random.default_rng(11), clusters=30, better=0.3)
+    found = stats.paired_test(
+        metrics.auc, reference, shares=metrics.auc_shares, first=first, second=second, groups=groups, swaps=4000
+    )
+    rng, extreme, swaps = np.random.default_rng(0), 0, 1500
+    for _ in range(swaps):
+        swap = rng.integers(2, size=30).astype(bool)[groups]
+        one, other = np.where(swap, second, first), np.where(swap, first, second)
+        extreme += abs(metrics.auc(reference, one) - metrics.auc(reference, other)) >= abs(found.value)
+    assert 0.02 < found.p < 0.9
+    assert found.p == pytest.approx(extreme / swaps, abs=4 * np.sqrt(0.25 / swaps))
+
+
 def test_a_real_difference_is_found():
     reference, first, second, groups = pair(np.random.default_rng(3), clusters=200, better=2.0)
-    one = stats.paired_test(metrics.auc, reference, first=first, second=second, groups=groups, ranked=True)
-    other = stats.paired_test(metrics.auc, reference, first=second, second=first, groups=groups, ranked=True)
+    one = auc_test(reference, first=first, second=second, groups=groups, ranked=True)
+    other = auc_test(reference, first=second, second=first, groups=groups, ranked=True)
     assert one.p < 0.01
     assert 0 < one.low < one.value < one.high
     assert one.value == metrics.auc(reference, first) - metrics.auc(reference, second)
@@ -158,19 +192,19 @@ def test_a_real_difference_is_found():
 def test_the_scale_of_a_classifier_does_not_matter_if_ranked():
     reference, first, second, groups = pair(np.random.default_rng(6))
     case = {"second": second, "groups": groups, "ranked": True}
-    plain = stats.paired_test(metrics.auc, reference, first=first, **case)
-    assert stats.paired_test(metrics.auc, reference, first=100 * first - 3, **case) == plain
+    plain = auc_test(reference, first=first, **case)
+    assert auc_test(reference, first=100 * first - 3, **case) == plain
 
 
 def test_a_classifier_does_not_differ_from_itself():
     reference, first, _, groups = pair(np.random.default_rng(6))
-    assert stats.paired_test(metrics.auc, reference, first=first, second=first, groups=groups) == (0, 0, 0, 1)
+    assert auc_test(reference, first=first, second=first, groups=groups) == (0, 0, 0, 1)
 
 
 def test_pairing_narrows_the_difference():
     reference, first, second, groups = pair(np.random.default_rng(9), clusters=200)
     weights = stats.cluster_weights(groups)
-    paired = stats.paired_test(metrics.auc, reference, first=first, second=second, groups=groups, weights=weights)
+    paired = auc_test(reference, first=first, second=second, groups=groups, weights=weights)
     single = stats.interval(lambda w: metrics.auc(reference, first, weights=w), weights)
     assert paired.high - paired.low < np.sqrt(2) * (single.high - single.low)
 
@@ -178,7 +212,7 @@ def test_pairing_narrows_the_difference():
 def test_unequal_columns_are_refused():
     rows = np.full(4, True)
     with pytest.raises(BadValue, match="second=3 rows"):
-        stats.paired_test(metrics.accuracy, rows, first=rows, second=rows[:3], groups=np.arange(4))
+        auc_test(rows, first=rows, second=rows[:3], groups=np.arange(4))
     with pytest.raises(BadValue, match="no rows"):
         stats.cluster_weights(np.empty(0))
 

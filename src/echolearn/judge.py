@@ -252,6 +252,7 @@ def compare_pair(first: Sequence[Answer], second: Sequence[Answer], sheet: Sheet
     difference = stats.paired_test(
         getattr(metrics, metric),
         sheet.reference[rows],
+        shares=getattr(metrics, f"{metric}_shares"),
         first=answers[0],
         second=answers[1],
         groups=sheet.groups[rows],

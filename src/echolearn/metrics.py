@@ -48,55 +48,102 @@ def confusion(reference: Array, kept: Array, *, weights: Array | None = None) ->
     return counts[..., 0], counts[..., 1], counts[..., 2], counts[..., 3]
 
 
+def rates(reference: Array, kept: Array, *, weights: Array | None = None) -> dict[str, Array]:
+    """Return all metrics of what is kept, by name; each is also a function of its own."""
+    kept_true, kept_false, dropped_true, dropped_false = confusion(reference, kept, weights=weights)
+    true, false = kept_true + dropped_true, kept_false + dropped_false
+    recall, specificity = _ratio(kept_true, true), _ratio(dropped_false, false)
+    return {
+        "accuracy": _ratio(kept_true + dropped_false, true + false),
+        "balanced_accuracy": (recall + specificity) / 2,
+        "precision": _ratio(kept_true, kept_true + kept_false),
+        "recall": recall,
+        "specificity": specificity,
+        "f1": _ratio(2 * kept_true, 2 * kept_true + kept_false + dropped_true),
+    }
+
+
 def precision(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
     """Return the share of kept rows that are reflectors; NaN where nothing is kept."""
-    kept_true, kept_false, _, _ = confusion(reference, kept, weights=weights)
-    return _ratio(kept_true, kept_true + kept_false)
+    return rates(reference, kept, weights=weights)["precision"]
 
 
 def recall(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
     """Return the share of reflectors that are kept, of a map its true retention; NaN without reflectors."""
-    kept_true, _, dropped_true, _ = confusion(reference, kept, weights=weights)
-    return _ratio(kept_true, kept_true + dropped_true)
+    return rates(reference, kept, weights=weights)["recall"]
 
 
 def specificity(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
     """Return the share of spurious rows that are dropped, of a map its spurious removal; NaN without any."""
-    _, kept_false, _, dropped_false = confusion(reference, kept, weights=weights)
-    return _ratio(dropped_false, dropped_false + kept_false)
+    return rates(reference, kept, weights=weights)["specificity"]
 
 
 def accuracy(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
     """Return the share of rows judged rightly; NaN without rows. Never report it without `balanced_accuracy`."""
-    kept_true, _, _, dropped_false = cells = confusion(reference, kept, weights=weights)
-    return _ratio(kept_true + dropped_false, sum(cells[1:], start=cells[0]))
+    return rates(reference, kept, weights=weights)["accuracy"]
 
 
 def balanced_accuracy(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
     """Return the mean of `recall` and `specificity`; NaN unless both classes are there."""
-    return (recall(reference, kept, weights=weights) + specificity(reference, kept, weights=weights)) / 2
+    return rates(reference, kept, weights=weights)["balanced_accuracy"]
 
 
 def f1(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
     """Return the harmonic mean of `precision` and `recall`; 0 if all is lost, NaN without reflectors and kept rows."""
-    kept_true, kept_false, dropped_true, _ = confusion(reference, kept, weights=weights)
-    return _ratio(2 * kept_true, 2 * kept_true + kept_false + dropped_true)
+    return rates(reference, kept, weights=weights)["f1"]
+
+
+def orders(reference: Array, confidence: Array, *, weights: Array | None = None) -> dict[str, Array]:
+    """Return all metrics that look at the order of confidences only, by name; each is also a function of its own."""
+    true, false = _ladder(reference, confidence, weights)
+    found, spurious = np.cumsum(true, axis=-1), np.cumsum(false, axis=-1)
+    total, others = true.sum(axis=-1), false.sum(axis=-1)
+    below = others[..., None] - spurious + false / 2
+    share = np.divide(found, found + spurious, out=np.zeros_like(found), where=found > 0)
+    return {
+        "auc": _ratio(np.einsum("...d,...d->...", true, below), total * others),
+        "average_precision": _ratio(np.einsum("...d,...d->...", true, share), total),
+    }
 
 
 def auc(reference: Array, confidence: Array, *, weights: Array | None = None) -> Array:
     """Return the chance that a reflector outranks a spurious row, ties counting half; NaN unless both are there."""
-    true, false = _ladder(reference, confidence, weights)
-    below = false.sum(axis=-1, keepdims=True) - np.cumsum(false, axis=-1) + false / 2
-    return _ratio(np.einsum("...d,...d->...", true, below), true.sum(axis=-1) * false.sum(axis=-1))
+    return orders(reference, confidence, weights=weights)["auc"]
 
 
 def average_precision(reference: Array, confidence: Array, *, weights: Array | None = None) -> Array:
     """Return the area under the precision-recall curve as a sum of steps, not interpolated; NaN without reflectors."""
-    true, false = _ladder(reference, confidence, weights)
-    found = np.cumsum(true, axis=-1)
-    kept = found + np.cumsum(false, axis=-1)
-    share = np.divide(found, kept, out=np.zeros_like(found), where=kept > 0)
-    return _ratio(np.einsum("...d,...d->...", true, share), true.sum(axis=-1))
+    return orders(reference, confidence, weights=weights)["average_precision"]
+
+
+def auc_shares(reference: Array, first: Array, second: Array) -> Array:
+    """Return what each row adds to auc(first) - auc(second), shape (B,): the sign turns if its answers are swapped.
+
+    A pair of a reflector i and a spurious row j adds K(a_i, a_j) - K(b_i, b_j), K = 1, 1/2 or 0 as the reflector is
+    above, level or below. Over the four ways to swap i and j that is linear in the signs s_i, s_j, with the weights
+    1/2 sum_j [K(a_i, .) - K(b_i, .)] and 1/2 sum_i [K(., a_j) - K(., b_j)], where . runs over both answers.
+    """
+    validate(reference, first)
+    validate(reference, second)
+    wins = [_level(values[reference], np.append(first[~reference], second[~reference])) for values in (first, second)]
+    losses = [_level(values[~reference], np.append(first[reference], second[reference])) for values in (first, second)]
+    shares = np.empty(len(reference))
+    shares[reference], shares[~reference] = wins[0] - wins[1], losses[1] - losses[0]
+    return shares / (2.0 * reference.sum() * (~reference).sum())
+
+
+def balanced_accuracy_shares(reference: Array, first: Array, second: Array) -> Array:
+    """Return what each row adds to balanced_accuracy(first) - balanced_accuracy(second), as `auc_shares` does."""
+    validate(reference, first)
+    validate(reference, second)
+    share = np.where(reference, 1.0 / max(reference.sum(), 1), -1.0 / max((~reference).sum(), 1)) / 2
+    return (first.astype(float) - second) * share
+
+
+def _level(values: Array, others: Array) -> Array:
+    """Return how many of `others` each value is above, ties counting half."""
+    rising = np.sort(others)
+    return (np.searchsorted(rising, values, "left") + np.searchsorted(rising, values, "right")) / 2
 
 
 def pr_curve(reference: Array, confidence: Array) -> tuple[Array, Array, Array]:
@@ -163,12 +210,9 @@ def evaluate_labels(
         BadValue: columns that do not belong together, a confidence outside 0 to 1.
     """
     _check_confidence(confidence)
-    kept = confidence >= threshold
-    judged = (accuracy, balanced_accuracy, precision, recall, specificity, f1)
-    ranked = (auc, average_precision, expected_calibration_error)
-    return {m.__name__: m(reference, confidence, weights=weights) for m in ranked} | {
-        m.__name__: m(reference, kept, weights=weights) for m in judged
-    }
+    error = expected_calibration_error(reference, confidence, weights=weights)
+    ranked = orders(reference, confidence, weights=weights) | {"expected_calibration_error": error}
+    return ranked | rates(reference, confidence >= threshold, weights=weights)
 
 
 def evaluate_map(
@@ -199,14 +243,9 @@ def evaluate_map(
     _check_confidence(confidence)
     error = distance_to_outline(points, corners)
     reference = error <= TOLERANCE
-    by_kept = {
-        "precision": precision,
-        "true_retention": recall,
-        "spurious_removal": specificity,
-        "balanced_accuracy": balanced_accuracy,
-        "f1": f1,
-    }
-    rates = {name: metric(reference, kept, weights=weights) for name, metric in by_kept.items()} | {
+    judged = rates(reference, kept, weights=weights)
+    names = {"recall": "true_retention", "specificity": "spurious_removal"}
+    values = {names.get(name, name): value for name, value in judged.items() if name != "accuracy"} | {
         "average_precision": average_precision(reference, confidence, weights=weights),
         "expected_calibration_error": expected_calibration_error(reference, confidence, weights=weights),
         "error_mean": error_mean(error, kept, weights=weights),
@@ -214,9 +253,9 @@ def evaluate_map(
         "error_p95": error_quantile(error, kept, share=0.95, weights=weights),
     }
     if weights is not None:
-        return rates
+        return values
     whole = (wall_coverage, nearest_neighbour_error)
-    return rates | {m.__name__: np.asarray(m(corners, points, kept=kept, poses=poses)) for m in whole}
+    return values | {m.__name__: np.asarray(m(corners, points, kept=kept, poses=poses)) for m in whole}
 
 
 def _weights(column: Array, weights: Array | None) -> Array:
