@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import reference
-from echolearn import signals
+from echolearn import literal, signals
 from echolearn.geometry import circular_array
 from echolearn.localize import beam
 
@@ -165,7 +165,7 @@ def test_mpdr_power_is_the_papers_loop() -> None:
     rng = np.random.default_rng(6)
     recording = wave(0.7, length=3000) + 0.5 * wave(-2.0, seed=1, length=3000) + 0.3 * rng.standard_normal((6, 3000))
     found = beam.mpdr_power(beam.covariance(signals.stft(recording[None])), weights(12), gamma=0.1)[0]
-    assert np.allclose(found, reference.mpdr(recording, RING.positions, beam.azimuth_grid(12), rate=22050.0), rtol=1e-4)
+    assert np.allclose(found, literal.mpdr(recording, RING.positions, beam.azimuth_grid(12), rate=22050.0), rtol=1e-4)
 
 
 # ---------------------------------------------------------------- steered matched filters
@@ -190,7 +190,7 @@ def test_advancing_by_fractions_is_band_limited() -> None:
 def test_the_steered_response_is_the_sum_of_literal_fractional_delays() -> None:
     """Padded by `PAD` lags, the short transform agrees with one over the whole recording to 1 % of the peak."""
     probe = signals.noise_probe(length=6000)
-    source = reference.shift(reference.padded(probe.samples, 6000), 180)
+    source = literal.shift(literal.padded(probe.samples, 6000), 180)
     recording = reference.plane_wave(source, RING.positions, 0.9, rate=22050.0)
     first, last = 116 - beam.PAD, 244 + beam.PAD
     correlation = signals.matched_filter(recording[None], probe, first=first, last=last)
@@ -198,15 +198,15 @@ def test_the_steered_response_is_the_sum_of_literal_fractional_delays() -> None:
     found = beam.steered_response(correlation, RING, angles, np.full(4, np.pi / 2), scale=22050.0 / 343.0)
     assert found.shape == (1, 4, last - first + 1)
     for row, angle in zip(found[0], angles, strict=True):
-        literal = reference.steered(recording, probe.samples, RING.positions, angle, rate=22050.0)[first : last + 1]
+        expected = literal.steered(recording, probe.samples, RING.positions, angle, rate=22050.0)[first : last + 1]
         inside = slice(beam.PAD, -beam.PAD)
-        assert np.abs(row - literal)[inside].max() < 0.01 * 6 * probe.samples @ probe.samples
+        assert np.abs(row - expected)[inside].max() < 0.01 * 6 * probe.samples @ probe.samples
 
 
 def test_steering_at_a_plane_wave_adds_all_microphones_up() -> None:
     """J peaks where the wave reaches microphone 1, at M ||s||^2."""
     probe = signals.noise_probe(length=6000)
-    source = reference.shift(reference.padded(probe.samples, 6000), 180)
+    source = literal.shift(literal.padded(probe.samples, 6000), 180)
     recording = reference.plane_wave(source, RING.positions, 0.0, rate=22050.0)
     correlation = signals.matched_filter(recording[None], probe, first=52, last=308)
     response = beam.steered_response(correlation, RING, GRID, np.full(60, np.pi / 2), scale=22050.0 / 343.0)[0]

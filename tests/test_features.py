@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import reference
-from echolearn import features
+from echolearn import features, literal
 from echolearn.geometry import SearchWindow, circular_array
 from echolearn.localize import beam
 from echolearn.localize.gated import Gated
@@ -24,8 +24,8 @@ OF_GAIN = {"gain", "gain_delay", "power"}
 
 def recordings(azimuth: float, *, noise: float, seed: int = 0) -> Array:
     """Return one plane-wave echo in noise, shape (M, N), at microphone 1 at `LAG`."""
-    early = reference.delays(RING.positions, azimuth)[0] * 22050.0
-    source = 0.1 * reference.shift(reference.padded(PROBE.samples, PROBE.length), LAG - early)
+    early = literal.delays(RING.positions, azimuth)[0] * 22050.0
+    source = 0.1 * literal.shift(literal.padded(PROBE.samples, PROBE.length), LAG - early)
     waves = reference.plane_wave(source, RING.positions, azimuth, rate=22050.0)
     return waves + noise * np.random.default_rng(seed).standard_normal(waves.shape)
 
@@ -49,7 +49,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Array, dict[str, Array], int, 
 def joint(samples: Array) -> Array:
     """Return J(tau, phi) in the window, shape (A, L), the slow way."""
     first, last = SearchWindow().lags(RING, 22050.0)
-    rows = [reference.steered(samples, PROBE.samples, RING.positions, azimuth, rate=22050.0) for azimuth in GRID]
+    rows = [literal.steered(samples, PROBE.samples, RING.positions, azimuth, rate=22050.0) for azimuth in GRID]
     return np.stack(rows)[:, first : last + 1]
 
 
@@ -102,19 +102,19 @@ def test_columns_of_the_steered_response_are_their_definitions(
     assert columns["joint_ratio"][0] == pytest.approx(here / response.max(), rel=0.02)
     assert columns["joint_score"][0] == pytest.approx(here / energy, rel=0.02)
     assert columns["joint_lag"][0] == abs(response.max(axis=0).argmax() - (lag - first))
-    eta = (reference.delays(RING.positions, azimuth) - reference.delays(RING.positions, azimuth)[0]) * 22050.0
+    eta = (literal.delays(RING.positions, azimuth) - literal.delays(RING.positions, azimuth)[0]) * 22050.0
     aligned = [
-        np.correlate(reference.shift(y, -e), PROBE.samples, "valid")[lag] for y, e in zip(samples, eta, strict=True)
+        np.correlate(literal.shift(y, -e), PROBE.samples, "valid")[lag] for y, e in zip(samples, eta, strict=True)
     ]
     assert columns["coherence"][0] == pytest.approx(sum(aligned) ** 2 / (6 * sum(a**2 for a in aligned)), rel=0.03)
-    gated = reference.gated(samples, PROBE.samples, RING.positions, GRID, lag=lag, rate=22050.0)
+    gated = literal.gated(samples, PROBE.samples, RING.positions, GRID, lag=lag, rate=22050.0)
     ratio = 10 * np.log10(gated[np.abs(GRID - azimuth).argmin()] / gated.mean())
     assert columns["gated_ratio"][0] == pytest.approx(ratio, abs=0.2)
 
 
 def test_columns_of_the_beam_are_the_papers(case: tuple[Array, dict[str, Array], int, float]) -> None:
     samples, columns, _, _ = case
-    power = reference.mpdr(samples, RING.positions, GRID, rate=22050.0)
+    power = literal.mpdr(samples, RING.positions, GRID, rate=22050.0)
     assert columns["power"][0] == pytest.approx(10 * np.log10(power.max()), abs=0.01)
     assert columns["power_ratio"][0] == pytest.approx(10 * np.log10(power.max() / power.mean()), abs=0.01)
     assert columns["azimuth_mpdr"][0] == pytest.approx(GRID[power.argmax()])
@@ -173,7 +173,7 @@ def literal_tensor(spectra: Array) -> Array:
 
 def test_the_covariance_is_the_recordings(case: tuple[Array, dict[str, Array], int, float]) -> None:
     samples, columns, _, _ = case
-    assert np.allclose(columns["covariance"][0], literal_tensor(reference.spectra(samples)), atol=1e-4)
+    assert np.allclose(columns["covariance"][0], literal_tensor(literal.spectra(samples)), atol=1e-4)
 
 
 def test_the_gated_covariance_is_that_of_the_matched_filters(case: tuple[Array, dict[str, Array], int, float]) -> None:

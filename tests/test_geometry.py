@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import reference
-from echolearn import geometry
+from echolearn import geometry, literal
 from echolearn.geometry import SearchWindow, circular_array
 from echolearn.types import BadValue, MicArray, Pose, Room
 
@@ -35,7 +35,7 @@ def test_directions_name_the_axes_ahead_left_and_up() -> None:
 
 @given(ANGLE, TILT)
 def test_delays_are_the_closed_form_of_the_ring(azimuth: float, elevation: float) -> None:
-    expected = reference.delays(RING.positions, azimuth, elevation)
+    expected = literal.delays(RING.positions, azimuth, elevation)
     assert np.allclose(geometry.far_field_delays(RING, azimuth, elevation, 343.0), expected, atol=1e-15)
     relative = geometry.relative_delays(RING, azimuth, elevation, 343.0)
     assert relative[0] == 0.0

@@ -13,7 +13,7 @@ import echolearn
 SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
-    types processes progress config store geometry signals coverage stats recording noise localize rir features
+    types literal processes progress config store geometry signals coverage stats recording noise localize rir features
     metrics mapping simulate plans dataset survey judge hearing classify task training trained tables figures report
     compare launch commands cli
 """.split()

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 import reference
+from echolearn import literal
 from echolearn.geometry import SearchWindow, circular_array, true_echoes
 from echolearn.localize import Localizer, beam
 from echolearn.localize.gated import Gated
@@ -41,8 +42,8 @@ def localizer(request: pytest.FixtureRequest) -> Localizer:
 
 def echo_from(azimuth: float, *, lag: int = LAG, gain: float = 0.1, noise: float = 0.01, seed: int = 0) -> np.ndarray:
     """Return recordings (M, N) of one plane-wave echo that reaches microphone 1 exactly at `lag`."""
-    early = reference.delays(RING.positions, azimuth)[0] * 22050.0
-    source = gain * reference.shift(reference.padded(PROBE.samples, PROBE.length), lag - early)
+    early = literal.delays(RING.positions, azimuth)[0] * 22050.0
+    source = gain * literal.shift(literal.padded(PROBE.samples, PROBE.length), lag - early)
     waves = reference.plane_wave(source, RING.positions, azimuth, rate=22050.0)
     return waves + noise * np.random.default_rng(seed).standard_normal(waves.shape)
 
@@ -143,7 +144,7 @@ def test_turning_the_robot_turns_the_azimuth_back(localizer: Localizer) -> None:
     turned = np.roll(samples, -1, axis=0)
     before, after = localizer(observation(samples)), localizer(observation(turned))
     assert turn(before.azimuth - after.azimuth - np.pi / 3)[0, 0] == pytest.approx(0.0, abs=STEP / 2)
-    moved = (reference.delays(RING.positions, 0.4)[1] - reference.delays(RING.positions, 0.4)[0]) * 22050.0
+    moved = (literal.delays(RING.positions, 0.4)[1] - literal.delays(RING.positions, 0.4)[0]) * 22050.0
     assert (after.toa - before.toa)[0, 0] * 22050.0 == pytest.approx(moved, abs=0.51)
 
 
@@ -184,7 +185,7 @@ def test_s_nls_is_least_squares_over_every_lag(noise: float, seed: int) -> None:
     samples = echo_from(0.5, noise=noise, seed=seed)
     echoes = Snls()(observation(samples))
     first, last = SearchWindow().lags(RING, 22050.0)
-    lag, gain = reference.snls(samples[0], PROBE.samples, first=first, last=last)
+    lag, gain = literal.snls(samples[0], PROBE.samples, first=first, last=last)
     assert echoes.toa[0, 0] * 22050.0 == pytest.approx(lag)
     assert echoes.gain[0, 0] == pytest.approx(gain)
 
@@ -245,7 +246,7 @@ def test_listening_at_the_echo_finds_the_wall_where_mpdr_does_not(hear: Hear, be
 def test_srp_mpdr_is_the_papers_loop(noise: float) -> None:
     samples = echo_from(0.5, noise=noise)
     found = mpdr_spectrum(observation(samples), azimuths=12)[0]
-    expected = reference.mpdr(samples, RING.positions, beam.azimuth_grid(12), rate=22050.0)
+    expected = literal.mpdr(samples, RING.positions, beam.azimuth_grid(12), rate=22050.0)
     assert np.allclose(found, expected, rtol=1e-3)
 
 
@@ -254,7 +255,7 @@ def test_the_gated_direction_is_its_definition(noise: float) -> None:
     samples = echo_from(-1.4, noise=noise, seed=4)
     matched = Matched(observation(samples), SearchWindow(), azimuths=24)
     index = matched.strongest
-    expected = reference.gated(
+    expected = literal.gated(
         samples, PROBE.samples, RING.positions, beam.azimuth_grid(24), lag=matched.first + int(index[0]), rate=22050.0
     )
     assert np.allclose(matched.gated_power(index)[0, :-1], expected, atol=0.05 * expected.max())
@@ -271,8 +272,8 @@ def test_an_echo_from_above_is_told_from_a_wall(hear: Hear) -> None:
 def test_elevation_is_found_where_it_is_asked() -> None:
     """A wave 40 degrees off the axis; above or below the array's plane sound alike."""
     source = np.random.default_rng(0).standard_normal(6000)
-    delays = reference.delays(RING.positions, 1.0, np.radians(40)) * 22050.0
-    wave = np.stack([reference.shift(source, delay) for delay in delays])
+    delays = literal.delays(RING.positions, 1.0, np.radians(40)) * 22050.0
+    wave = np.stack([literal.shift(source, delay) for delay in delays])
     echoes = Snls(azimuths=36, elevations=9)(observation(wave))
     assert np.degrees(echoes.elevation[0, 0]) == pytest.approx(40.0)
     assert turn(echoes.azimuth - 1.0)[0, 0] == pytest.approx(0.0, abs=np.radians(5))

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import hann
 
-import reference
-from echolearn import signals
+from echolearn import literal, signals
 from echolearn.signals import noise_probe
 from echolearn.types import BadValue, Probe
 
@@ -45,7 +44,7 @@ def test_the_matched_filter_is_the_correlation(first: int, last: int) -> None:
 
 @given(st.integers(10, 200))
 def test_a_probe_delayed_by_k_samples_peaks_at_lag_k(delay: int) -> None:
-    recording = np.roll(reference.padded(SHORT.samples, 300), delay)
+    recording = np.roll(literal.padded(SHORT.samples, 300), delay)
     found = signals.matched_filter(recording[None], SHORT, first=10, last=200)[0]
     assert 10 + found.argmax() == delay
     assert found.max() == pytest.approx(SHORT.samples @ SHORT.samples)
@@ -73,7 +72,7 @@ def test_frames_are_scipys() -> None:
     expected = peer.stft(recording, p0=1, p1=1 + found.shape[-1])
     assert found.shape == (2, 6, 442, 10)
     assert np.allclose(found, expected)
-    assert np.allclose(found[0], reference.spectra(recording[0]))
+    assert np.allclose(found[0], literal.spectra(recording[0]))
 
 
 def test_frames_keep_single_precision() -> None:
