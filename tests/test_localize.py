@@ -132,9 +132,9 @@ def test_the_gain_is_that_of_the_echo(localizer: Localizer) -> None:
 
 
 def test_the_score_says_how_much_is_probe(localizer: Localizer) -> None:
-    """Echo and noise of equal power under the probe correlate at sqrt(1/2)."""
+    """Echo and noise of equal power under the probe correlate at sqrt(1/2); a direction off by 1 degree costs 3 %."""
     clean, even = (localizer(observation(echo_from(0.5, gain=0.1, noise=n))) for n in (1e-4, 0.1))
-    assert clean.score[0, 0] == pytest.approx(1.0, abs=1e-3)
+    assert 0.97 < clean.score[0, 0] <= 1.0 + 1e-9
     assert even.score[0, 0] == pytest.approx(np.sqrt(0.5), abs=0.06)
 
 
@@ -152,7 +152,7 @@ def test_another_speed_of_sound_is_another_geometry(localizer: Localizer) -> Non
     """Air scaled with the ring: the same recordings, the same directions; in the other window, the same samples."""
     heard = observation(echo_from(0.7))
     scaled = Observation(heard.samples, PROBE, MicArray(2 * RING.positions), 686.0)
-    assert localizer(scaled).azimuth[0, 0] == pytest.approx(localizer(heard).azimuth[0, 0])
+    assert localizer(scaled).azimuth[0, 0] == pytest.approx(localizer(heard).azimuth[0, 0], abs=np.radians(0.2))
 
 
 def test_silence_is_answered_with_finite_numbers(localizer: Localizer) -> None:
@@ -196,7 +196,8 @@ Hear = Callable[..., Observation]
 
 def times(heard: Observation) -> np.ndarray:
     """Return the S-NLS time of each observation, shape (B,); microphone 1 alone, for speed."""
-    alone = Matched(replace(heard, samples=heard.samples[:, :1]), SearchWindow(rule="authors"))
+    one = replace(heard, samples=heard.samples[:, :1], array=MicArray(RING.positions[:1]))
+    alone = Matched(one, SearchWindow(rule="authors"))
     return alone.toa(alone.strongest)
 
 

@@ -7,8 +7,9 @@ sums of the paper (Eqs. 10-13) without approximation.
 
 import numpy as np
 from scipy import fft
+from scipy.signal import oaconvolve
 
-from echolearn.types import Array, Probe, check_number, check_whole
+from echolearn.types import Array, Probe, check, check_number, check_whole
 
 FRAME = 882
 """Samples per STFT frame as printed in the paper (40 ms at 22.05 kHz; the text says 20 ms); hop is half of it."""
@@ -74,6 +75,50 @@ def convolve(samples: Array, response: Array, length: int) -> Array:
     size = fft.next_fast_len(len(samples) + response.shape[-1] - 1, real=True)
     full = fft.irfft(fft.rfft(samples, size) * fft.rfft(response, size), size)[..., :length]
     return np.pad(full, [(0, 0)] * (full.ndim - 1) + [(0, length - full.shape[-1])])
+
+
+def noise_psd(recording: Array, *, frame: int = FRAME) -> Array:
+    """Return the power spectral density of a noise-only recording (..., N), shape (..., frame // 2 + 1).
+
+    Welch's mean over half-overlapping Hann frames, scaled so that white noise of variance v has the density v at every
+    frequency: the mean over frequencies is the power.
+
+    Raises:
+        BadValue: a recording shorter than two frames, or not finite.
+    """
+    hint = "record the noise for some seconds"
+    check_whole("noise.recording", recording.shape[-1], low=2 * frame, unit="samples", hint=hint)
+    check(bool(np.isfinite(recording).all()), "noise.recording", "NaN or infinity", allowed="finite samples")
+    window = np.hanning(frame + 1)[:-1]
+    return np.mean(np.abs(stft(recording, frame=frame)) ** 2, axis=-1) / np.sum(window**2)
+
+
+def whitening_taps(psd: Array) -> Array:
+    """Return the symmetric filter of gain 1 / sqrt(psd), shape (..., 2 F - 1), from a density (..., F).
+
+    Densities are floored 60 dB below their mean, so that an empty band is not all that is heard.
+
+    Raises:
+        BadValue: a density that is negative, not finite, or zero everywhere.
+    """
+    psd = np.asarray(psd, dtype=float)
+    fine = bool(np.isfinite(psd).all() and (psd >= 0).all() and (psd.max(axis=-1) > 0).all())
+    check(fine and psd.shape[-1] > 1, "observation.noise_psd", psd.shape, allowed="densities >= 0, not all 0")
+    level = np.maximum(psd, 1e-6 * psd.mean(axis=-1, keepdims=True))
+    size = 2 * (psd.shape[-1] - 1)
+    taps = np.roll(fft.irfft(1.0 / np.sqrt(level), size), size // 2, axis=-1)
+    return np.concatenate([taps, taps[..., :1]], axis=-1) * np.hanning(size + 3)[1:-1]
+
+
+def whiten(samples: Array, psd: Array) -> Array:
+    """Divide the spectrum of `samples` (..., N) by the square root of a density (F,): F - 1 samples late.
+
+    The filter is symmetric and its whole response is kept, shape (..., N + 2 (F - 1)). A probe and a recording whitened
+    alike are late alike, so lags between them stay what they were, and a correlation of the two is
+    ifft(Y conj(S) / psd).
+    """
+    taps = whitening_taps(psd)
+    return oaconvolve(samples, np.broadcast_to(taps, (*samples.shape[:-1], len(taps))), axes=-1)
 
 
 def power(samples: Array) -> Array:

@@ -184,12 +184,17 @@ class Observation:
         probe: what was emitted.
         array: where the microphones are.
         speed_of_sound: in m/s.
+        noise_psd: power spectral density of the noise alone, recorded before the walk (`signals.noise_psd`), shape
+            (F,) or (M, F) at F evenly spaced frequencies from 0 to half the sample rate; None if unknown.
+        sample_rate: of the recordings, in Hz, where it is known apart from the probe's; localizers refuse another.
     """
 
     samples: Array
     probe: Probe
     array: MicArray
     speed_of_sound: float = SPEED_OF_SOUND
+    noise_psd: Array | None = None
+    sample_rate: float | None = None
 
 
 @dataclass(frozen=True)

@@ -118,6 +118,18 @@ def delay_and_sum_power(covariances: Array, weights: Array) -> Array:
     return np.sum(quadratic(covariances, weights), axis=0) / covariances.shape[-1] ** 2
 
 
+def summits(power: Array, count: int) -> Array:
+    """Return the indices of the `count` highest local maxima of power over a circle, from (B, A) to (B, count).
+
+    Where there are fewer, the highest is repeated.
+    """
+    local = (power > np.roll(power, 1, axis=-1)) & (power >= np.roll(power, -1, axis=-1))
+    height = np.where(local, power, -np.inf)
+    order = np.argsort(-height, axis=-1, kind="stable")[:, :count]
+    best = power.argmax(axis=-1)[:, None]
+    return np.where(np.isfinite(np.take_along_axis(height, order, axis=-1)), order, best)
+
+
 def steering_weights(
     array: MicArray, azimuths: int, elevations: int, *, frame: int, sample_rate: float, speed_of_sound: float
 ) -> Array:
@@ -161,8 +173,15 @@ def steered_response(correlation: Array, array: MicArray, azimuth: Array, elevat
         scale: sample_rate / speed_of_sound, in samples per m.
     """
     size = correlation.shape[-1]
-    eta = relative_delays(array, azimuth, elevation, 1.0) * scale
-    omega = 2 * np.pi * np.fft.rfftfreq(size)
-    phase = np.exp(1j * omega[:, None, None] * eta.T).astype(np.complex64)
+    phase = _advancing(array.positions.tobytes(), azimuth.tobytes(), elevation.tobytes(), size, scale)
     spectrum = np.moveaxis(fft.rfft(correlation.astype(np.float32)), -1, 0)
     return fft.irfft(np.moveaxis(spectrum @ phase, 0, -1), size)
+
+
+@lru_cache(maxsize=8)
+def _advancing(positions: bytes, azimuth: bytes, elevation: bytes, size: int, scale: float) -> Array:
+    """Return the phases exp(j omega eta_m) that align microphones, shape (F, M, A), complex64."""
+    array = MicArray(np.frombuffer(positions).reshape(-1, 3))
+    eta = relative_delays(array, np.frombuffer(azimuth), np.frombuffer(elevation), 1.0) * scale
+    omega = 2 * np.pi * np.fft.rfftfreq(size)
+    return np.exp(1j * omega[:, None, None] * eta.T).astype(np.complex64)

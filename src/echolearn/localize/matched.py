@@ -4,6 +4,7 @@ r_m(tau) is computed once over the search window (plus `PAD` lags on either side
 microphone 1, and steering it gives J(tau, phi), of which the echo-gated direction is one row.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -11,8 +12,14 @@ import numpy as np
 
 from echolearn import signals
 from echolearn.geometry import SearchWindow
-from echolearn.localize import beam
-from echolearn.types import Array, Observation, check
+from echolearn.localize import beam, faults, whitening
+from echolearn.localize.components import relax
+from echolearn.localize.search import Peak, Search
+from echolearn.localize.whitening import whitened
+from echolearn.types import Array, Echoes, MicArray, Observation, check_whole
+
+APART = 5
+"""Lags that an echo takes of the window, for counting how many it can hold."""
 
 GATE = 2
 """Lags on either side of the estimated TOA that the echo-gated direction listens to."""
@@ -35,20 +42,7 @@ class Matched:
     last: int = field(init=False)
 
     def __post_init__(self) -> None:
-        probe, array = self.observation.probe, self.observation.array
-        first, last = self.window.lags(array, probe.sample_rate, self.observation.speed_of_sound)
-        length = self.observation.samples.shape[-1]
-        check(
-            last + beam.PAD < length,
-            "window.farthest",
-            f"{self.window.farthest} m",
-            allowed=f"echoes within the recording of {length} samples",
-            hint="the recording is too short, or its sample rate is not the probe's",
-        )
-        finite = bool(np.isfinite(self.observation.samples).all())
-        check(
-            finite, "observation.samples", "NaN or infinity", allowed="finite samples", hint="is a microphone broken?"
-        )
+        first, last = faults.check_recordings(self.observation, self.window)
         object.__setattr__(self, "first", first)
         object.__setattr__(self, "last", last)
 
@@ -56,6 +50,11 @@ class Matched:
     def scale(self) -> float:
         """Samples per metre of path."""
         return self.observation.probe.sample_rate / self.observation.speed_of_sound
+
+    @cached_property
+    def silent(self) -> Array:
+        """Which microphones do not hear, shape (B, M), bool."""
+        return faults.deaf(self.observation.samples)
 
     @cached_property
     def padded(self) -> Array:
@@ -128,3 +127,71 @@ class Matched:
         rows = np.arange(len(index))[:, None, None]
         gate = self.steered[rows, np.arange(self.azimuths + 1)[:, None], offsets[:, None, :]]
         return np.sum(np.square(gate), axis=-1)
+
+
+def listen(observation: Observation, window: SearchWindow, *, azimuths: int, whiten: bool, whole: bool) -> Matched:
+    """Check recordings, whiten them where asked, and return their matched-filter view.
+
+    Args:
+        observation: recordings (B, M, N).
+        window: where echoes are sought.
+        azimuths: of the steered response.
+        whiten: divide by the square root of the noise density first.
+        whole: whether more of the recordings is needed than the search window touches.
+    """
+    if not whiten:
+        return Matched(observation, window, azimuths)
+    _, last = faults.check_recordings(observation, window)
+    taps = 2 * whitening.density(observation).shape[-1]
+    touched = last + beam.PAD + len(observation.probe.samples) + taps
+    return Matched(whitened(observation, samples=None if whole else touched), window, azimuths)
+
+
+def check_echoes(matched: Matched, echoes: int) -> None:
+    """Raise `BadValue` if the window has not `APART` lags for each of R echoes."""
+    lags = matched.last - matched.first + 1
+    allowed = f"at most {lags // APART} in a window of {lags} samples"
+    check_whole("localizer.echoes", echoes, low=1, high=lags // APART, hint=f"{allowed}; widen the window")
+
+
+def joint_search(matched: Matched, *, weights: Array | None = None, refine: bool = True) -> Search:
+    """Return the search of J over all microphones that hear, or with `weights` (B, M)."""
+    if weights is None:
+        weights = (~matched.silent).astype(float)
+    return Search(
+        matched.observation.array, *matched.directions, matched.scale, weights, matched.probe_energy, refine=refine
+    )
+
+
+def reference_search(matched: Matched, *, refine: bool = True) -> Search:
+    """Return the search of r_1, the matched filter of microphone 1 alone."""
+    alone = MicArray(matched.observation.array.positions[:1])
+    nowhere, ones = np.zeros(1), np.ones((len(matched.padded), 1))
+    return Search(alone, nowhere, nowhere, matched.scale, ones, matched.probe_energy, refine=refine)
+
+
+def several(matched: Matched, search: Search, *, echoes: int) -> list[Peak]:
+    """Return R echoes by RELAX, of all microphones or of the first, as the search has them."""
+    microphones = len(search.array)
+    energy = faults.energies(matched.observation.samples[:, :microphones])
+    burst = matched.observation.probe.samples
+    return relax(matched.padded[:, :microphones], search, echoes=echoes, burst=burst, energy=energy)
+
+
+def joint_echoes(matched: Matched, search: Search, peaks: Sequence[Peak]) -> Echoes:
+    """Return peaks of J as echoes, fields (B, R), the strongest first; the score is that of all microphones together.
+
+    score = J / (||s|| sqrt(sum_m w_m) sqrt(sum_m w_m E_m)), E_m the energy under the aligned probe; power = J^2.
+    """
+    rows, names = [], ("lag", "azimuth", "elevation", "gain", "height")
+    for peak in peaks:
+        delays = np.rint(search.delays(peak.lag, peak.azimuth, peak.elevation)).astype(int)
+        index = np.clip(delays, 0, matched.last - matched.first)
+        energy = np.take_along_axis(matched.energy, index[..., None], axis=-1)[..., 0]
+        largest = search.weights.sum(axis=-1) * (search.weights * energy).sum(axis=-1) * matched.probe_energy
+        score = np.clip(peak.height / np.sqrt(np.where(largest > 0, largest, np.inf)), -1.0, 1.0)
+        rows.append(np.stack([*(getattr(peak, name) for name in names), score]))
+    stacked = np.stack(rows, axis=-1)
+    order = np.argsort(-stacked[3], axis=-1, kind="stable")
+    lag, azimuth, elevation, gain, height, score = np.take_along_axis(stacked, order[None], axis=-1)
+    return Echoes(matched.toa(lag), score, gain, azimuth, elevation, height**2)
