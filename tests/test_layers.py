@@ -13,13 +13,25 @@ import echolearn
 SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
-    types literal processes progress config store geometry signals coverage stats recording noise localize rir features
-    metrics mapping simulate plans dataset survey judge hearing classify task training trained tables figures report
+    types literal processes progress config store geometry matching signals coverage stats recording noise localize rir
+    features metrics mapping simulate plans dataset survey judge hearing classify task training trained tables figures report
     compare launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 
-ROBOT = {"types", "geometry", "signals", "coverage", "recording", "noise", "localize", "features", "metrics", "mapping"}
+ROBOT = {
+    "types",
+    "geometry",
+    "matching",
+    "signals",
+    "coverage",
+    "recording",
+    "noise",
+    "localize",
+    "features",
+    "metrics",
+    "mapping",
+}
 """Parts that run on a robot: numpy and scipy, and YAML where surveys are read."""
 
 OWNERS = {
