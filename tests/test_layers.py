@@ -14,8 +14,8 @@ SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
     types literal processes progress config store geometry matching signals coverage stats recording noise localize rir
-    features metrics mapping simulate plans dataset survey judge hearing classify task training trained tables figures report
-    compare launch commands cli
+    features metrics mapping simulate plans dataset survey judge hearing classify task training trained tables figures
+    report compare launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 
