@@ -1,14 +1,20 @@
 """Every YAML file: composed, built, and complete."""
 
 import inspect
+import tempfile
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
+from echolearn import recording
 from echolearn.config import TARGET, build, compose, find, folder
+from echolearn.noise.diffuse import Diffuse
+from echolearn.noise.rotor import Rotor
 from echolearn.plans import GridPlan, Plan, ScatteredPlan
 
 COMMANDS = sorted(path.stem for path in folder().glob("*.yaml"))
@@ -16,6 +22,12 @@ FILES = sorted(path for path in folder().glob("*/*.yaml") if path.parent.name !=
 PLANS = sorted(path.stem for path in (folder() / "plan").glob("*.yaml"))
 USED_BY = {"room": "survey", "classifier": "train"}
 """A command that has the group; `generate` has the others."""
+
+
+HUM = Path(tempfile.mkdtemp()) / "hum.wav"
+HUM.write_bytes(recording.wav_bytes(np.sin(np.arange(5000)), 22050.0))
+NEEDED = {"diffuse=recorded": [f"diffuse.source.path={HUM}"]}
+"""What a file leaves to the user."""
 
 
 def name(path: Path) -> str:
@@ -26,7 +38,8 @@ def name(path: Path) -> str:
 @cache
 def composed(path: Path) -> dict[str, Any]:
     """Return what stands at a group when this file is chosen for it."""
-    [(_, config)] = compose(USED_BY.get(path.parent.name, "generate"), [name(path)])
+    words = [name(path), *NEEDED.get(name(path), [])]
+    [(_, config)] = compose(USED_BY.get(path.parent.name, "generate"), words)
     return config[path.parent.name]  # type: ignore[no-any-return]
 
 
@@ -100,6 +113,22 @@ def test_the_scattered_set_is_as_wide_as_specified() -> None:
     assert tuple(scattered.t60) == (0.3, 0.9)
     assert tuple(scattered.snr_db) == (-40, 40)
     assert scattered.window.rule == "general"
+
+
+def test_the_scattered_set_with_rotor_noise_is_scattered_but_for_the_rotors() -> None:
+    plain, rotor = plan("scattered"), plan("scattered_rotor")
+    assert isinstance(rotor, ScatteredPlan)
+    assert isinstance(rotor.scene.diffuse, Diffuse)
+    assert isinstance(rotor.scene.diffuse.source, Rotor)
+    assert tuple(rotor.sdnr_db or ()) == (-40, 40)
+    assert replace(rotor, name=plain.name, seed=plain.seed, sdnr_db=None, scene=plain.scene) == replace(
+        plain, scene=plain.scene
+    )
+
+
+def test_a_plan_with_rotors_takes_another_field_where_one_is_chosen() -> None:
+    [(_, config)] = compose("generate", ["plan=scattered_rotor", "diffuse=recorded"])
+    assert config["plan"]["scene"]["diffuse"]["source"]["_target_"] == "echolearn.noise.recorded.recorded"
 
 
 @pytest.mark.parametrize("option", [option for option in PLANS if option.startswith("offgrid")])

@@ -16,11 +16,15 @@ from hypothesis import strategies as st
 
 import reference
 from echolearn import dataset, features, store
-from echolearn.dataset import Dataset, generate, records, split
+from echolearn.dataset import Dataset, folder_of, generate, plain, records, split
 from echolearn.geometry import SearchWindow
 from echolearn.localize.gated import Gated
+from echolearn.noise.diffuse import Diffuse
+from echolearn.noise.recorded import Recorded
+from echolearn.noise.rotor import Rotor
 from echolearn.plans import GridPlan, ScatteredPlan, Spot
 from echolearn.simulate import Scene, observe
+from echolearn.trained import sheet_of
 from echolearn.types import Array, BadValue, Echoes, Observation, Pose, Room
 
 
@@ -190,6 +194,65 @@ def test_loud_rows_find_walls_and_quiet_ones_do_not(finished: Path) -> None:
     loud, faint = table["snr_db"] == 30, table["snr_db"] == -20
     assert table["reflector"][loud].mean() > table["reflector"][faint].mean() + 0.3
     assert table["score"][loud].min() > table["score"][faint].max()
+
+
+# ---------------------------------------------------------------- noise
+
+
+@pytest.fixture(scope="module")
+def hovering(scattered: ScatteredPlan) -> ScatteredPlan:
+    """Return the same rows with rotors around the robot."""
+    scene = replace(scattered.scene, diffuse=Diffuse(Rotor()))
+    return replace(scattered, name="hovering", scene=scene, sdnr_db=(-20.0, 20.0))
+
+
+def test_what_a_plan_without_diffuse_noise_is_called_has_not_changed(
+    scattered: ScatteredPlan, hovering: ScatteredPlan
+) -> None:
+    """A set's folder is the digest of these keys: those that came later are there only where they are used."""
+    about, other = plain(scattered), plain(hovering)
+    assert "sdnr_db" not in about
+    assert "diffuse" not in about["scene"]
+    assert other["sdnr_db"] == [-20.0, 20.0]
+    assert other["scene"]["diffuse"]["source"]["rate"] == 70.0
+    assert records(scattered, range(1)).dtype.names == tuple(
+        n for n in records(hovering, range(1)).dtype.names if n != "sdnr_db"
+    )
+
+
+def test_rows_with_diffuse_noise_depend_on_the_seed_alone(
+    hovering: ScatteredPlan, scattered: ScatteredPlan, tmp_path: Path
+) -> None:
+    """Two processes write what this one computes, to the byte."""
+    folder = generate(hovering, runs=tmp_path, workers=2)
+    for shard, asked in enumerate((range(4), range(4, 6))):
+        assert np.load(folder / store.shard_name(shard)).tobytes() == records(hovering, asked).tobytes()
+    rows, plain_rows = Dataset(folder), records(scattered, range(6))
+    for name in ("snr_db", "gain_db", "position", "truth_toa"):
+        assert np.array_equal(rows[name], plain_rows[name], equal_nan=True)
+    assert not np.array_equal(rows["score"], plain_rows["score"])
+    assert np.ptp(rows["sdnr_db"]) > 5
+    assert np.abs(rows["sdnr_db"]).max() <= 20
+    expected = -10 * np.log10(10 ** (-rows["snr_db"] / 10) + 10 ** (-rows["sdnr_db"] / 10))
+    assert np.allclose(rows.ratio_db, expected)
+    sheet = sheet_of(rows, "hovering", resamples=2)
+    assert sheet.noise == "white+rotor"
+    assert np.array_equal(sheet.snr_db, rows.ratio_db)
+
+
+def test_without_sensor_noise_its_ratio_is_infinite(hovering: ScatteredPlan) -> None:
+    row = records(replace(hovering, snr_db=None), range(1))
+    assert row["snr_db"] == np.inf
+    assert np.isfinite(row["sdnr_db"]).all()
+
+
+def test_a_recording_is_known_by_its_samples_not_by_its_place(hovering: ScatteredPlan) -> None:
+    names = []
+    for seed in (0, 0, 1):
+        samples = np.random.default_rng(seed).standard_normal(100).astype(np.float32)
+        scene = replace(hovering.scene, diffuse=Diffuse(Recorded(samples, 22050.0)))
+        names.append(folder_of(replace(hovering, scene=scene), Path("runs")).name)
+    assert names[0] == names[1] != names[2]
 
 
 # ---------------------------------------------------------------- generate

@@ -19,19 +19,7 @@ ORDER = """
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 
-ROBOT = {
-    "types",
-    "geometry",
-    "matching",
-    "signals",
-    "coverage",
-    "recording",
-    "noise",
-    "localize",
-    "features",
-    "metrics",
-    "mapping",
-}
+ROBOT = set("types geometry matching signals coverage recording localize features metrics mapping".split())
 """Parts that run on a robot: numpy and scipy, and YAML where surveys are read."""
 
 OWNERS = {
@@ -43,6 +31,7 @@ OWNERS = {
     "sklearn": {"classify"},
     "onnxruntime": {"classify"},
     "pyroomacoustics": {"rir"},
+    "soundfile": {"noise"},
     "numba": {"rir"},
     "llvmlite": {"rir"},
     "matplotlib": {"figures"},

@@ -10,6 +10,8 @@ import yaml
 
 from echolearn.geometry import SearchWindow
 from echolearn.localize.gated import Gated
+from echolearn.noise.diffuse import Diffuse
+from echolearn.noise.rotor import Rotor
 from echolearn.plans import GridPlan, Plan, ScatteredPlan, Spot
 from echolearn.simulate import Scene
 from echolearn.types import BadValue, Room
@@ -22,6 +24,8 @@ def configured(path: Path, scene: Scene) -> Plan:
     """Build the plan that a YAML file writes down, with this scene."""
     content: dict[str, Any] = yaml.safe_load(path.read_text())
     kind = KINDS[content.pop("_target_")]
+    content.pop("defaults", None)
+    scene = scene if content["sdnr_db"] is None else replace(scene, diffuse=Diffuse(Rotor()))
     for key, noun in (("room", Room), ("window", SearchWindow)):
         if key in content:
             content[key] = noun(**{k: v for k, v in content[key].items() if k != "_target_"})
@@ -41,7 +45,15 @@ def spots(plan: Plan, rows: range) -> list[Spot]:
 
 def place(spot: Spot) -> tuple[Any, ...]:
     """Return all of a spot as something that compares."""
-    return (spot.room, tuple(spot.pose.position), spot.pose.heading, spot.snr_db, spot.gain_db, spot.group)
+    return (
+        spot.room,
+        tuple(spot.pose.position),
+        spot.pose.heading,
+        spot.snr_db,
+        spot.gain_db,
+        spot.group,
+        spot.sdnr_db,
+    )
 
 
 # ---------------------------------------------------------------- the paper's numbers
@@ -126,6 +138,26 @@ def test_scattered_rows_stay_in_their_ranges_and_fill_them(plans: dict[str, Plan
     assert [s.group for s in drawn] == list(range(1500))
 
 
+def test_rotor_noise_has_a_level_of_its_own_and_changes_nothing_else_about_a_row(plans: dict[str, Plan]) -> None:
+    plan = plans["scattered_rotor"]
+    assert isinstance(plan, ScatteredPlan)
+    drawn = spots(plan, range(1000))
+    sdnr, snr = (np.array([getattr(spot, key) for spot in drawn]) for key in ("sdnr_db", "snr_db"))
+    assert (sdnr.min() < -39, sdnr.max() > 39, np.abs(sdnr).max() <= 40) == (True, True, True)
+    assert abs(np.corrcoef(sdnr, snr)[0, 1]) < 5 / np.sqrt(1000)
+    quiet = replace(plan, sdnr_db=None, scene=replace(plan.scene, diffuse=None))
+    assert [place(spot)[:-1] for spot in spots(quiet, range(9))] == [place(spot)[:-1] for spot in drawn[:9]]
+
+
+def test_sensor_noise_may_be_absent_where_rotors_are_heard(plans: dict[str, Plan]) -> None:
+    alone = replace(plans["scattered_rotor"], snr_db=None)
+    assert {spot.snr_db for spot in spots(alone, range(3))} == {None}
+    scene = plans["scattered_rotor"].scene
+    grid = replace(plans["paper"], snr_db=None, sdnr_db=(-10.0, 0.0), scene=scene)
+    assert {spot.snr_db for spot in spots(grid, range(3))} == {None}
+    assert all(-10 <= (spot.sdnr_db or 0) <= 0 for spot in spots(grid, range(3)))
+
+
 def test_scattered_wall_distances_cannot_be_memorised(plans: dict[str, Plan]) -> None:
     """On the grid three distances fall into 1 ... 2 m; scattered rows have as many as rows."""
     for name, expected in (("paper", 3), ("scattered", None)):
@@ -164,6 +196,15 @@ def test_scattered_wall_distances_cannot_be_memorised(plans: dict[str, Plan]) ->
         ("scattered", {"size_low": (15.0, 5.0, 3.0)}, "plan.size_low=[15.0, 14.0]"),
         ("scattered", {"wall_factor": (0.5, 1.5)}, "plan.wall_factor=1.5"),
         ("scattered", {"gain_db": (0.0,)}, "plan.gain_db=[0.0]"),
+        (
+            "scattered",
+            {"sdnr_db": (-10.0, 0.0)},
+            "plan.sdnr_db=(-10.0, 0.0) dB: the scene has no diffuse noise; choose",
+        ),
+        ("scattered", {"snr_db": None}, "plan.snr_db=None: a level in dB where there is no other noise"),
+        ("scattered_rotor", {"sdnr_db": None}, "plan.sdnr_db=None dB: the scene has diffuse noise; give plan.sdnr_db"),
+        ("scattered_rotor", {"sdnr_db": (0.0, -10.0)}, "plan.sdnr_db=[0.0, -10.0]"),
+        ("scattered_rotor", {"sdnr_db": -10.0}, "plan.sdnr_db=-10.0: two numbers"),
     ],
 )
 def test_bad_plans_are_refused_in_one_line(

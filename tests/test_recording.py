@@ -154,6 +154,29 @@ def test_a_damaged_header_is_an_error_or_a_recording(folder: Path, bytes_: list[
             assert "\n" not in str(refused)
 
 
+def test_noise_alone_may_be_longer_than_a_recording_and_may_be_absent(folder: Path) -> None:
+    assert recording.read(folder).noise() is None
+    noise = np.random.default_rng(1).standard_normal((3, 1000)).astype(np.float32)
+    (folder / "noise.wav").write_bytes(recording.wav_bytes(noise, 22050.0))
+    assert np.array_equal(recording.read(folder).noise(), noise)
+
+
+@pytest.mark.parametrize(
+    ("samples", "rate", "message"),
+    [
+        (np.ones((2, 1000)), 22050.0, "noise.wav=(2, 1000): 3 channels of at least 400 samples"),
+        (np.ones((3, 399)), 22050.0, "noise.wav=(3, 399): 3 channels of at least 400 samples"),
+        (np.ones((3, 1000)), 44100.0, "noise.wav sample_rate=44100 Hz: 22050 Hz; resample the recording"),
+        (np.full((3, 1000), np.nan), 22050.0, "noise.wav=NaN or infinity: finite samples"),
+    ],
+)
+def test_noise_that_does_not_fit_is_refused(folder: Path, samples: np.ndarray, rate: float, message: str) -> None:
+    (folder / "noise.wav").write_bytes(recording.wav_bytes(samples, rate))
+    with pytest.raises(BadValue) as refused:
+        recording.read(folder).noise()
+    assert str(refused.value).endswith(message)
+
+
 # ---------------------------------------------------------------- survey.yaml
 
 

@@ -99,6 +99,14 @@ def test_decibels_by_hand() -> None:
     assert np.allclose(signals.decibel(np.array([1.0, 100.0, 0.5, 0.0])), [0.0, 20.0, -3.0103, -300.0])
 
 
+def test_noises_add_up_to_one_ratio() -> None:
+    """Two equal noises cost 3 dB, one 20 dB below the other 0.04 dB; what is absent costs nothing."""
+    assert np.allclose(signals.joint_db(np.array([0.0, -10.0]), np.array([0.0, 10.0])), [-3.0103, -10.0432])
+    assert signals.joint_db(None, -7.0) == pytest.approx(-7.0)
+    assert signals.joint_db(np.inf, 4.0) == pytest.approx(4.0)
+    assert signals.joint_db(None) == np.inf
+
+
 @pytest.mark.parametrize(
     ("make", "name"),
     [

@@ -9,7 +9,11 @@ import pytest
 
 from echolearn import recording, store
 from echolearn.geometry import outline
+from echolearn.hearing import hear
+from echolearn.localize.gated import Gated
 from echolearn.mapping import trajectory
+from echolearn.noise.diffuse import Diffuse
+from echolearn.noise.rotor import Rotor
 from echolearn.simulate import Scene, observe
 from echolearn.survey import survey
 from echolearn.types import BadValue, Room
@@ -180,3 +184,76 @@ def test_recordings_of_another_origin_are_never_overwritten(walk: Walk, tmp_path
     with pytest.raises(BadValue, match="another origin"):
         walk(tmp_path / "runs", name="robot")
     assert (folder / "observations" / "0000.wav").read_bytes() == b"a real robot"
+
+
+# ---------------------------------------------------------------- noise
+
+
+@pytest.fixture(scope="module")
+def hovered(walk: Walk, brief: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a survey under rotor noise; not to be changed."""
+    scene = replace(brief, diffuse=Diffuse(Rotor()))
+    return walk(tmp_path_factory.mktemp("hovered"), scene=scene, snr_db=40.0, sdnr_db=-10.0)
+
+
+def test_noise_that_is_not_white_is_recorded_alone_too(hovered: Path, finished: Path, brief: Scene) -> None:
+    read = recording.read(hovered)
+    noise = read.noise()
+    assert noise is not None
+    assert noise.shape == (6, 5 * 22050)
+    assert set(store.verify(hovered)["files"]) == set(contents(hovered)) - {store.MANIFEST}
+    power = np.mean(brief.received(ROOM, read.poses[0])[0] ** 2)
+    assert np.mean(noise[0] ** 2) == pytest.approx(power * (10 + 1e-4), rel=0.001)
+    assert recording.read(finished).noise() is None
+
+
+def test_conditions_tell_both_levels_and_both_noises(hovered: Path) -> None:
+    known = recording.read(hovered).conditions
+    assert (known["snr_db"], known["sdnr_db"], known["noise"]) == (40.0, -10.0, "white+rotor")
+    heard = hear(hovered, Gated(), name="hovered", resamples=2)
+    assert np.allclose(heard.sheet.snr_db, -10.0, atol=1e-3)
+    assert heard.sheet.noise == "white+rotor"
+
+
+def test_rotors_alone_may_be_heard(walk: Walk, brief: Scene, tmp_path: Path) -> None:
+    folder = walk(tmp_path, scene=replace(brief, diffuse=Diffuse(Rotor())), snr_db=None, sdnr_db=3.0, poses=2)
+    known = recording.read(folder).conditions
+    assert "snr_db" not in known
+    assert known["noise"] == "rotor"
+
+
+def test_white_noise_is_recorded_alone_where_it_is_asked_for(walk: Walk, finished: Path, tmp_path: Path) -> None:
+    folder = walk(tmp_path, noise_seconds=1.0)
+    noise = recording.read(folder).noise()
+    assert noise is not None
+    assert noise.shape == (6, 22050)
+    first = recording.read(folder).observe([0]).samples[0]
+    assert np.array_equal(first, recording.read(finished).observe([0]).samples[0])
+    again = walk(tmp_path / "again", noise_seconds=1.0)
+    assert contents(again) == contents(folder)
+    with pytest.raises(BadValue, match=r"^name=few: .* was made with others$"):
+        walk(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sdnr_db": -10.0}, "sdnr_db=-10.0 dB: the scene has no diffuse noise; choose diffuse=rotor"),
+        ({"snr_db": None}, "snr_db=None: a level in dB"),
+        ({"sdnr_db": "loud"}, "sdnr_db=loud dB"),
+        ({"noise_seconds": -1}, "noise_seconds=-1 s"),
+        ({"noise_seconds": "long"}, "noise_seconds=long s"),
+    ],
+)
+def test_bad_noises_are_refused_before_anything_is_written(
+    walk: Walk, tmp_path: Path, change: dict[str, object], message: str
+) -> None:
+    with pytest.raises(BadValue) as refused:
+        walk(tmp_path, **change)
+    assert str(refused.value).startswith(message)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_field_without_a_level_is_refused(walk: Walk, brief: Scene, tmp_path: Path) -> None:
+    with pytest.raises(BadValue, match="^sdnr_db=None dB: the scene has diffuse noise; give sdnr_db$"):
+        walk(tmp_path, scene=replace(brief, diffuse=Diffuse(Rotor())))

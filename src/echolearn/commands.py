@@ -63,7 +63,7 @@ def survey(config: Config) -> Path:
     from echolearn.config import build, without
     from echolearn.survey import survey as walk
 
-    return walk(**build(without(config, "choice rir noise runs")), runs=Path(config["runs"]))
+    return walk(**build(without(config, "choice rir noise diffuse runs")), runs=Path(config["runs"]))
 
 
 def compare(config: Config) -> None:

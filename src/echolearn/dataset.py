@@ -9,10 +9,10 @@ A shard is one structured array, a record per observation: the columns and tenso
 - `on_map`: the map point (TOA and DOA together) lies within 0.10 m of the room's outline,
 
 and what the estimator did not know: SNR, gain, T60, room, pose, true TOAs, and `group`, the position's number,
-by which every split is made.
+by which every split is made; SDNR only in sets with diffuse noise.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from hashlib import sha256
 from itertools import groupby
@@ -27,6 +27,7 @@ from echolearn.localize.matched import Matched
 from echolearn.plans import Plan, Spot
 from echolearn.processes import processes
 from echolearn.progress import track
+from echolearn.signals import joint_db
 from echolearn.simulate import Scene, add_noise
 from echolearn.types import Array, BadValue, Observation, check, check_number, check_whole
 
@@ -38,10 +39,15 @@ MAP_TOLERANCE = 0.10
 
 
 def plain(value: Any) -> Any:
-    """Return `value` as plain containers for a manifest: dataclasses by their fields, arrays by their hash."""
+    """Return `value` as plain containers for a manifest: dataclasses by their fields, arrays by their hash.
+
+    A field marked `LATER` is left out while it is None.
+    """
     if is_dataclass(value) and not isinstance(value, type):
         name = f"{type(value).__module__}.{type(value).__qualname__}"
-        return {"_target_": name, **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
+        held = {f.name: getattr(value, f.name) for f in fields(value)}
+        absent = {f.name for f in fields(value) if "later" in f.metadata and held[f.name] is None}
+        return {"_target_": name, **{key: plain(item) for key, item in held.items() if key not in absent}}
     if isinstance(value, np.ndarray):
         return {"shape": list(value.shape), "sha256": sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}
     if isinstance(value, dict):
@@ -49,6 +55,19 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     return value.item() if isinstance(value, np.generic) else value
+
+
+def noise_kind(scene: Mapping[str, Any], *, sensor: bool = True) -> str:
+    """Return the names of a scene's noises, "white" or "white+rotor".
+
+    Args:
+        scene: as plain containers.
+        sensor: whether the microphones have noise of their own.
+    """
+    heard = [scene["noise"]] if sensor else []
+    if "diffuse" in scene:
+        heard.append(scene["diffuse"].get("source", scene["diffuse"]))
+    return "+".join(noise["_target_"].rpartition(".")[2].lower() for noise in heard)
 
 
 def folder_of(plan: Plan, runs: Path) -> Path:
@@ -121,12 +140,17 @@ def _observe(plan: Plan, rows: range) -> Iterator[tuple[Spot, Array]]:
         for spot, rng in same:
             check_inside(spot.room, plan.scene.array, spot.pose)
             received = plan.scene.received(spot.room, spot.pose) if received is None else received
-            yield spot, add_noise(received, plan.scene, snr_db=spot.snr_db, gain_db=spot.gain_db, rng=rng)
+            yield spot, _record(received, plan.scene, spot, rng)
+
+
+def _record(received: Array, scene: Scene, spot: Spot, rng: np.random.Generator) -> Array:
+    return add_noise(received, scene, snr_db=spot.snr_db, sdnr_db=spot.sdnr_db, gain_db=spot.gain_db, rng=rng)
 
 
 def _context(spots: tuple[Spot, ...]) -> dict[str, Array]:
     return {
-        "snr_db": np.array([spot.snr_db for spot in spots]),
+        "snr_db": np.array([np.inf if spot.snr_db is None else spot.snr_db for spot in spots]),
+        **({} if spots[0].sdnr_db is None else {"sdnr_db": np.array([spot.sdnr_db for spot in spots])}),
         "gain_db": np.array([spot.gain_db for spot in spots]),
         "t60": np.array([spot.room.t60 for spot in spots]),
         "room": np.array([spot.room.size for spot in spots]),
@@ -182,6 +206,13 @@ class Dataset:
 
     def __len__(self) -> int:
         return int(self.manifest["rows"])
+
+    @property
+    def ratio_db(self) -> Array:
+        """Received probe over all noises together at microphone 1, in dB, shape (B,)."""
+        if "sdnr_db" not in self.manifest["plan"]:
+            return self["snr_db"]
+        return joint_db(self["snr_db"], self["sdnr_db"])
 
     def __getitem__(self, name: str) -> Array:
         known = self._shards[0].dtype.names or ()

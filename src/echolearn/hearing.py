@@ -1,6 +1,8 @@
 """Hear a recorded survey as one localizer does: its echoes, their columns, their points on the map."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +12,7 @@ from echolearn.judge import Heard, Sheet
 from echolearn.localize import Localizer
 from echolearn.localize.matched import Matched
 from echolearn.mapping import echo_map
+from echolearn.signals import joint_db
 from echolearn.types import Array, BadValue, Echoes
 
 BLOCK = 32
@@ -35,11 +38,17 @@ def hear(folder: Path, localizer: Localizer, *, name: str, resamples: int) -> He
         name,
         distance_to_outline(found.points, survey.walls) <= metrics.TOLERANCE,
         poses,
-        np.full(len(poses), float(survey.conditions.get("snr_db", np.nan))),
+        np.full(len(poses), _ratio_db(survey.conditions)),
         stats.cluster_weights(poses, resamples=resamples),
         str(survey.conditions.get("noise", "unknown")),
     )
     return Heard(sheet, found.points, found.poses, survey.walls, columns)
+
+
+def _ratio_db(conditions: Mapping[str, Any]) -> float:
+    """Return the received probe over all noises together, in dB; NaN where nothing is known of it."""
+    known = [float(conditions[key]) for key in ("snr_db", "sdnr_db") if conditions.get(key) is not None]
+    return float(joint_db(*known)) if known else np.nan
 
 
 def _describe(survey: recording.Survey, localizer: Localizer, block: range) -> dict[str, Array]:

@@ -6,26 +6,27 @@ grid only three wall distances ever fall into the search window, so a classifier
 of judging echoes; scattered positions leave nothing to memorise.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from echolearn.geometry import SearchWindow, check_inside
 from echolearn.localize import Localizer
-from echolearn.simulate import Scene
-from echolearn.types import Array, Pose, Room, check, check_list, check_name, check_number, check_whole
+from echolearn.simulate import Scene, check_levels
+from echolearn.types import LATER, Array, Pose, Room, check, check_list, check_name, check_number, check_whole
 
 
 @dataclass(frozen=True)
 class Spot:
-    """One observation to be made: where, how loud the noise is, and which position it belongs to."""
+    """One observation to be made: where, how loud the noises are (None: absent), and which position it belongs to."""
 
     room: Room
     pose: Pose
-    snr_db: float
+    snr_db: float | None
     gain_db: float
     group: int
+    sdnr_db: float | None = None
 
 
 @dataclass(frozen=True)
@@ -39,12 +40,13 @@ class GridPlan:
         step: of the grid, in m.
         margin: from every wall to the grid, in m.
         height: of a single layer in m, or None for layers at every step.
-        snr_db: range of a uniform SNR per row, or None where `snr_levels` is given.
+        snr_db: range of a uniform SNR per row, or None where `snr_levels` is given or there is no sensor noise.
         snr_levels: SNRs that every position is heard at, or None.
         window: where echoes are sought.
         scene: what the robot carries.
         localizer: estimates the echoes.
         shard_rows: rows simulated and stored together.
+        sdnr_db: range of a uniform SDNR per row if the scene has diffuse noise, else None.
     """
 
     name: str
@@ -59,15 +61,17 @@ class GridPlan:
     snr_db: tuple[float, float] | None = (-40.0, 40.0)
     snr_levels: tuple[float, ...] | None = None
     shard_rows: int = 64
+    sdnr_db: tuple[float, float] | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
-        _check_common(self)
+        _check_common(self, levels=self.snr_levels if self.snr_db is None else self.snr_db)
         check_number("plan.step", self.step, low=0.01, high=100.0, unit="m", hint="the paper's grid has 0.5 m")
         check_number("plan.margin", self.margin, low=0.0, high=min(self.room.size) / 2, unit="m")
         if self.height is not None:
             check_number("plan.height", self.height, low=0.0, high=self.room.size[2], unit="m")
-        both, uniform = f"{self.snr_db}, plan.snr_levels={self.snr_levels}", self.snr_db is not None
-        check(uniform == (self.snr_levels is None), "plan.snr_db", both, allowed="one of the two, the other null")
+        both = f"{self.snr_db}, plan.snr_levels={self.snr_levels}"
+        alone = self.snr_db is None or self.snr_levels is None
+        check(alone, "plan.snr_db", both, allowed="one of the two, the other null")
         if self.snr_db is not None:
             check_range("plan.snr_db", self.snr_db, low=-100.0, high=100.0, unit="dB")
         for level in self.snr_levels or ():
@@ -90,8 +94,8 @@ class GridPlan:
         """Return what row number `row` observes; `rng` draws what is random about it."""
         levels = self.snr_levels
         group, level = divmod(row, len(levels)) if levels else (row, 0)
-        snr_db = levels[level] if levels else rng.uniform(*self.snr_db or (0.0, 0.0))
-        return Spot(self.room, Pose(self.positions[group]), snr_db, 0.0, group)
+        snr_db = levels[level] if levels else _uniform(self.snr_db, rng)
+        return Spot(self.room, Pose(self.positions[group]), snr_db, 0.0, group, _uniform(self.sdnr_db, rng))
 
 
 @dataclass(frozen=True)
@@ -106,12 +110,13 @@ class ScatteredPlan:
         t60: range in s.
         wall_factor: range of the factor on each wall's reflection coefficient.
         margin: from every wall to the loudspeaker, in m.
-        snr_db: range of a uniform SNR.
+        snr_db: range of a uniform SNR, or None for no sensor noise.
         gain_db: range of a uniform gain of the recording.
         window: where echoes are sought.
         scene: what the robot carries.
         localizer: estimates the echoes.
         shard_rows: rows simulated and stored together.
+        sdnr_db: range of a uniform SDNR if the scene has diffuse noise, else None.
     """
 
     name: str
@@ -125,12 +130,13 @@ class ScatteredPlan:
     scene: Scene
     localizer: Localizer
     wall_factor: tuple[float, float] = (1.0, 1.0)
-    snr_db: tuple[float, float] = (-40.0, 40.0)
+    snr_db: tuple[float, float] | None = (-40.0, 40.0)
     gain_db: tuple[float, float] = (0.0, 0.0)
     shard_rows: int = 64
+    sdnr_db: tuple[float, float] | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
-        _check_common(self)
+        _check_common(self, levels=self.snr_db)
         check_whole("plan.rows", self.rows, low=1)
         check_list("plan.size_low", self.size_low, length=3, allowed="three lengths in m")
         check_list("plan.size_high", self.size_high, length=3, allowed="three lengths in m")
@@ -138,7 +144,8 @@ class ScatteredPlan:
             check_range("plan.size_low", (low, high), low=0.5, high=200.0, unit="m")
         check_range("plan.t60", self.t60, low=0.01, high=10.0, unit="s")
         check_range("plan.wall_factor", self.wall_factor, low=0.0, high=1.0)
-        check_range("plan.snr_db", self.snr_db, low=-100.0, high=100.0, unit="dB")
+        if self.snr_db is not None:
+            check_range("plan.snr_db", self.snr_db, low=-100.0, high=100.0, unit="dB")
         check_range("plan.gain_db", self.gain_db, low=-100.0, high=100.0, unit="dB")
         radius = self.scene.array.radius
         hint = f"the array's radius is {radius:g} m"
@@ -155,7 +162,8 @@ class ScatteredPlan:
         room = Room(tuple(size), rng.uniform(*self.t60), tuple(rng.uniform(*self.wall_factor, 6)))
         position = rng.uniform(self.margin, size - self.margin)
         heading = rng.uniform(-np.pi, np.pi)
-        return Spot(room, Pose(position, heading), rng.uniform(*self.snr_db), rng.uniform(*self.gain_db), row)
+        snr_db, gain_db = _uniform(self.snr_db, rng), rng.uniform(*self.gain_db)
+        return Spot(room, Pose(position, heading), snr_db, gain_db, row, _uniform(self.sdnr_db, rng))
 
 
 Plan = GridPlan | ScatteredPlan
@@ -169,8 +177,16 @@ def check_range(name: str, limits: tuple[float, float], *, low: float, high: flo
     check(limits[0] <= limits[1], name, list(limits), allowed="two numbers, lowest first", hint="are they swapped?")
 
 
-def _check_common(plan: Plan) -> None:
+def _uniform(limits: tuple[float, float] | None, rng: np.random.Generator) -> float | None:
+    """Draw a number, or nothing where there are no limits."""
+    return None if limits is None else rng.uniform(*limits)
+
+
+def _check_common(plan: Plan, *, levels: object) -> None:
     check_name("plan.name", plan.name)
     check_whole("plan.seed", plan.seed, low=0)
     check_whole("plan.shard_rows", plan.shard_rows, low=1, high=4096, unit="rows")
+    check_levels(plan.scene, snr_db=levels, sdnr_db=plan.sdnr_db, name="plan.")
+    if plan.sdnr_db is not None:
+        check_range("plan.sdnr_db", plan.sdnr_db, low=-100.0, high=100.0, unit="dB")
     plan.window.lags(plan.scene.array, plan.scene.probe.sample_rate, plan.scene.speed_of_sound)

@@ -6,6 +6,7 @@
     probe.wav            the burst, one channel, followed by silence up to the length of a recording
     poses.csv            index,x_m,y_m,z_m,heading_rad,file
     observations/*.wav   M channels each, float32 or PCM
+    noise.wav            optional: M channels of noise alone, of any length, the loudspeaker silent
 
 Positions are of the loudspeaker in the room's frame; times count from the emission.
 """
@@ -23,6 +24,7 @@ from scipy.io import wavfile
 
 from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Probe, check, check_number
 
+NOISE = "noise.wav"
 HEADER = ("index", "x_m", "y_m", "z_m", "heading_rad", "file")
 
 
@@ -58,6 +60,21 @@ class Survey:
         """
         samples = np.stack([self._read(self.files[pose]) for pose in poses])
         return Observation(samples, self.probe, self.array, self.speed_of_sound)
+
+    def noise(self) -> Array | None:
+        """Read the noise alone, shape (M, K), or None where it was not recorded.
+
+        Raises:
+            BadValue: as `observe`, or fewer samples than an observation has.
+        """
+        path = self.folder / NOISE
+        if not path.exists():
+            return None
+        samples = read_wav(path, self.probe.sample_rate)
+        channels, length = len(self.array), self.probe.length
+        allowed = f"{channels} channels of at least {length} samples"
+        check(samples.shape[0] == channels and samples.shape[1] >= length, str(path), samples.shape, allowed=allowed)
+        return samples
 
     def _read(self, name: str) -> Array:
         path = self.folder / name

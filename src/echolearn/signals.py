@@ -126,6 +126,13 @@ def power(samples: Array) -> Array:
     return np.mean(np.square(samples), axis=-1)
 
 
+def joint_db(*levels_db: float | Array | None) -> Array:
+    """Return the ratio of a signal to the sum of noises, each at its own ratio in dB; None is no noise."""
+    given = [np.asarray(level, dtype=float) for level in levels_db if level is not None]
+    total = sum((10.0 ** (-level / 10.0) for level in given), start=np.zeros(()))
+    return np.where(total > 0, -decibel(total), np.inf)
+
+
 def decibel(ratio: Array) -> Array:
     """Return 10 log10 of a power ratio, floored at -300 dB."""
     return 10.0 * np.log10(np.maximum(ratio, 1e-30))

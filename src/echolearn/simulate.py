@@ -1,13 +1,14 @@
 """Simulate what the robot hears: room + pose + noise -> Observation and Truth.
 
-    y_m = gain (x_m - direct_m + v_m),      x_m = h_m * s  (Eq. 1)
+    y_m = gain (x_m - direct_m + f1_m + f2_m),      x_m = h_m * s  (Eq. 1)
 
-The signal-to-noise ratio is that of the *received* probe x_m, direct path included, over all N samples,
-against the noise v_m at the same microphone. Then the direct path is removed by subtracting the anechoic
-response, which the known geometry of the array gives exactly.
+The signal-to-noise ratio (SNR) is that of the *received* probe x_m, direct path included, over all N samples,
+against the sensor noise f2_m at the same microphone. The signal-to-diffuse-noise ratio (SDNR) is the same against the
+diffuse noise f1 at microphone 1; the field keeps its proportions at the others. Either noise may be absent. Then the
+direct path is removed by subtracting the anechoic response, which the known geometry of the array gives exactly.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from echolearn import signals
 from echolearn.geometry import check_inside, microphone_positions, true_echoes
 from echolearn.types import (
+    LATER,
     SPEED_OF_SOUND,
     Array,
     MicArray,
@@ -25,6 +27,7 @@ from echolearn.types import (
     Responder,
     Room,
     Truth,
+    check,
     check_number,
 )
 
@@ -37,8 +40,9 @@ class Scene:
         array: microphones around the loudspeaker.
         probe: the known burst.
         rir: engine for room impulse responses.
-        noise: what the microphones hear besides the probe.
+        noise: of each microphone for itself, at the SNR (f2).
         speed_of_sound: in m/s.
+        diffuse: a field of noise around the array, at the SDNR (f1), or None.
     """
 
     array: MicArray
@@ -46,6 +50,7 @@ class Scene:
     rir: Responder
     noise: Noise
     speed_of_sound: float = SPEED_OF_SOUND
+    diffuse: Noise | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         hint = "air is 343 m/s"
@@ -69,23 +74,106 @@ class Scene:
         return signals.convolve(self.probe.samples, response, self.probe.length)
 
 
-def add_noise(received: Array, scene: Scene, *, snr_db: float, gain_db: float, rng: np.random.Generator) -> Array:
-    """Remove the direct path from `received` (M, N), add noise at `snr_db`, apply a recording gain.
+def check_levels(scene: Scene, *, snr_db: object, sdnr_db: object, name: str = "") -> None:
+    """Raise `BadValue` unless there is a level for diffuse noise where there is such noise, and one for any noise.
+
+    Args:
+        scene: tells whether there is diffuse noise.
+        snr_db, sdnr_db: levels in whatever form; None is a noise that is absent.
+        name: what the two belong to, "plan." for example.
+    """
+    hint = "choose diffuse=rotor" if scene.diffuse is None else f"give {name}sdnr_db"
+    have = "diffuse noise" if scene.diffuse is not None else "no diffuse noise"
+    fits = (sdnr_db is None) == (scene.diffuse is None)
+    check(fits, f"{name}sdnr_db", f"{sdnr_db} dB", allowed=f"the scene has {have}", hint=hint)
+    check(not snr_db is sdnr_db is None, f"{name}snr_db", "None", allowed="a level in dB where there is no other noise")
+
+
+def noises(
+    received: Array, scene: Scene, *, length: int, snr_db: float | None, sdnr_db: float | None, rng: np.random.Generator
+) -> Array:
+    """Return the noises at their levels, f1 + f2, shape (M, length).
+
+    Args:
+        received: probe as received, which the levels refer to, shape (M, N).
+        scene: gives the noises.
+        length: samples wanted.
+        snr_db: received probe over sensor noise at each microphone, or None for no such noise.
+        sdnr_db: received probe over diffuse noise, at microphone 1 exactly, or None.
+        rng: draws the sensor noise, then the diffuse noise.
+    """
+    check_levels(scene, snr_db=snr_db, sdnr_db=sdnr_db)
+    strength, rate = signals.power(received), scene.probe.sample_rate
+    total = np.zeros((len(scene.array), length))
+    if snr_db is not None:
+        level = np.sqrt(strength * 10.0 ** (-snr_db / 10.0))
+        total += level[:, None] * scene.noise(scene.array, length=length, sample_rate=rate, rng=rng)
+    if scene.diffuse is not None and sdnr_db is not None:
+        around = scene.diffuse(scene.array, length=length, sample_rate=rate, rng=rng)
+        total += np.sqrt(strength[0] / signals.power(around[0]) * 10.0 ** (-sdnr_db / 10.0)) * around
+    return total
+
+
+def add_noise(
+    received: Array,
+    scene: Scene,
+    *,
+    snr_db: float | None,
+    gain_db: float,
+    rng: np.random.Generator,
+    sdnr_db: float | None = None,
+) -> Array:
+    """Remove the direct path from `received` (M, N), add noise at its levels, apply a recording gain.
 
     Args:
         received: probe as received, direct path included, shape (M, N).
         scene: gives the direct path and the noise.
-        snr_db: received probe over noise, per microphone.
+        snr_db: received probe over sensor noise, per microphone, or None for no such noise.
         gain_db: gain of the recording, signal and noise alike.
         rng: draws the noise.
+        sdnr_db: received probe over diffuse noise at microphone 1, or None for no such noise.
     """
-    noise = scene.noise(scene.array, length=scene.probe.length, sample_rate=scene.probe.sample_rate, rng=rng)
-    level = np.sqrt(signals.power(received) * 10.0 ** (-snr_db / 10.0))
-    return 10.0 ** (gain_db / 20.0) * (received - scene.direct + level[:, None] * noise)
+    noise = noises(received, scene, length=scene.probe.length, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng)
+    return 10.0 ** (gain_db / 20.0) * (received - scene.direct + noise)
+
+
+def noise_alone(
+    room: Room,
+    pose: Pose,
+    scene: Scene,
+    *,
+    seconds: float,
+    snr_db: float | None,
+    rng: np.random.Generator,
+    sdnr_db: float | None = None,
+) -> Array:
+    """Record the noise while the loudspeaker is silent: what an estimator may learn the noise's spectrum from.
+
+    Args:
+        room, pose: where; the levels are those that `observe` would have there.
+        scene: what the robot carries.
+        seconds: length of the recording.
+        snr_db, sdnr_db: see the module's header.
+        rng: draws the noise; one that has not drawn an observation, or the two are not independent.
+
+    Returns:
+        Samples, shape (M, round(seconds * sample_rate)).
+    """
+    check_number("noise_seconds", seconds, low=0.1, high=600.0, unit="s")
+    check_inside(room, scene.array, pose)
+    length = round(seconds * scene.probe.sample_rate)
+    return noises(scene.received(room, pose), scene, length=length, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng)
 
 
 def observe(
-    room: Room, pose: Pose, scene: Scene, *, snr_db: float, rng: np.random.Generator, gain_db: float = 0.0
+    room: Room,
+    pose: Pose,
+    scene: Scene,
+    *,
+    snr_db: float | None,
+    rng: np.random.Generator,
+    gain_db: float = 0.0,
+    sdnr_db: float | None = None,
 ) -> tuple[Observation, Truth]:
     """Simulate one observation.
 
@@ -93,9 +181,10 @@ def observe(
         room: a shoebox.
         pose: the whole array must lie inside the room.
         scene: what the robot carries, engine and noise.
-        snr_db: see the module's header.
+        snr_db: of the sensor noise, see the module's header; None is no such noise.
         rng: draws the noise.
         gain_db: gain of the recording.
+        sdnr_db: of the diffuse noise; None is no such noise.
 
     Returns:
         The observation, samples (M, N) with the direct path removed, and the truth.
@@ -105,6 +194,6 @@ def observe(
     """
     check_inside(room, scene.array, pose)
     received = scene.received(room, pose)
-    samples = add_noise(received, scene, snr_db=snr_db, gain_db=gain_db, rng=rng)
+    samples = add_noise(received, scene, snr_db=snr_db, gain_db=gain_db, rng=rng, sdnr_db=sdnr_db)
     truth = true_echoes(room, pose, scene.array, scene.speed_of_sound)
     return Observation(samples, scene.probe, scene.array, scene.speed_of_sound), truth

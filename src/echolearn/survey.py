@@ -1,19 +1,24 @@
 """Simulate a robot's walk through a room and store it in the recorded-survey format (`recording.py`)."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from echolearn import recording, store
-from echolearn.dataset import plain
+from echolearn.dataset import noise_kind, plain
 from echolearn.geometry import check_inside, outline
 from echolearn.mapping import trajectory
+from echolearn.noise.white import White
 from echolearn.progress import track
-from echolearn.simulate import Scene, observe
+from echolearn.simulate import Scene, check_levels, noise_alone, observe
 from echolearn.types import BadValue, Pose, Room, check, check_name, check_number, check_whole
 
 BEGUN = "simulated.json"
 """Written first: what the survey is made from, and the sign that its recordings are nobody's but ours."""
+
+NOISE_SECONDS = 5.0
+"""How long noise that is not white is recorded alone, unless something else is asked for."""
 
 
 def survey(
@@ -21,10 +26,12 @@ def survey(
     name: str,
     room: Room,
     scene: Scene,
-    snr_db: float,
+    snr_db: float | None,
+    sdnr_db: float | None = None,
     poses: int = 160,
     start: float = 0.6,
     seed: int = 0,
+    noise_seconds: float | None = None,
     runs: Path,
     command: str | None = None,
 ) -> Path:
@@ -34,10 +41,13 @@ def survey(
         name: names the folder under `runs/survey`.
         room: the room.
         scene: what the robot carries.
-        snr_db: of every recording.
+        snr_db: of the sensor noise in every recording, or None for no such noise.
+        sdnr_db: of the diffuse noise in every recording, if the scene has it.
         poses: P.
         start: polar angle at which the walk begins, in rad.
         seed: of the noise; pose p draws from `SeedSequence(seed, spawn_key=(p,))`.
+        noise_seconds: of `noise.wav`, the noise alone at the first pose; 0 for none; None for 5 s of noise that is
+            not white.
         runs: folder of everything generated.
         command: what makes the survey again, for the manifest; None says nothing about it.
 
@@ -48,24 +58,40 @@ def survey(
         BadValue: values out of range, or a survey of that name made otherwise.
     """
     check_name("name", name)
-    check_number("snr_db", snr_db, low=-100.0, high=100.0, unit="dB")
+    for key, level in (("snr_db", snr_db), ("sdnr_db", sdnr_db)):
+        if level is not None:
+            check_number(key, level, low=-100.0, high=100.0, unit="dB")
+    check_levels(scene, snr_db=snr_db, sdnr_db=sdnr_db)
+    alone = noise_length(scene, noise_seconds)
     check_whole("seed", seed, low=0)
     walk = trajectory(room, poses=poses, start=start)
     for pose in walk:
         check_inside(room, scene.array, pose)
     folder = Path(runs) / "survey" / name
-    about = {
-        "kind": "survey",
-        "made_from": plain({"room": room, "scene": scene, "walk": walk, "snr_db": float(snr_db), "seed": seed}),
-    }
+    given = {"snr_db": snr_db, "sdnr_db": sdnr_db, "noise_seconds": alone or None}
+    told = {key: float(value) for key, value in given.items() if value is not None}
+    about = {"kind": "survey", "made_from": plain({"room": room, "scene": scene, "walk": walk, "seed": seed, **told})}
     if _is_finished(folder, about):
         return folder
     store.clean(folder)
     store.save_json(folder / BEGUN, about)
-    _write(folder, walk, room=room, scene=scene, snr_db=snr_db, seed=seed)
-    files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *_names(walk)]
+    if alone:
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 1)))
+        heard = noise_alone(room, walk[0], scene, seconds=alone, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng)
+        store.write_atomic(folder / recording.NOISE, recording.wav_bytes(heard, scene.probe.sample_rate))
+    _write(folder, walk, room=room, scene=scene, snr_db=snr_db, sdnr_db=sdnr_db, seed=seed)
+    noise = [recording.NOISE] if alone else []
+    files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
     store.finish(folder, about | store.made_by(command), files)
     return folder
+
+
+def noise_length(scene: Scene, seconds: float | None) -> float:
+    """Return the length of `noise.wav` in s, 0 for none."""
+    if seconds is None:
+        return 0.0 if scene.diffuse is None and isinstance(scene.noise, White) else NOISE_SECONDS
+    check_number("noise_seconds", seconds, low=0.0, high=600.0, unit="s")
+    return float(seconds)
 
 
 def _names(walk: list[Pose]) -> list[str]:
@@ -91,21 +117,28 @@ def _is_finished(folder: Path, about: dict[str, object]) -> bool:
     return True
 
 
-def _write(folder: Path, walk: list[Pose], *, room: Room, scene: Scene, snr_db: float, seed: int) -> None:
+def _write(
+    folder: Path,
+    walk: list[Pose],
+    *,
+    room: Room,
+    scene: Scene,
+    snr_db: float | None,
+    sdnr_db: float | None,
+    seed: int,
+) -> None:
     names = _names(walk)
     for index, pose in enumerate(track(walk, f"survey {folder.name}", unit="poses")):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-        observation, _ = observe(room, pose, scene, snr_db=snr_db, rng=rng)
+        observation, _ = observe(room, pose, scene, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng)
         store.write_atomic(folder / names[index], recording.wav_bytes(observation.samples, scene.probe.sample_rate))
     padded = np.pad(scene.probe.samples, (0, scene.probe.length - len(scene.probe.samples)))
     store.write_atomic(folder / "probe.wav", recording.wav_bytes(padded, scene.probe.sample_rate))
     store.write_atomic(folder / "poses.csv", recording.poses_csv(walk, names))
-    conditions = {
-        "snr_db": float(snr_db),
-        "noise": type(scene.noise).__name__.lower(),
-        "room": list(room.size),
-        "t60": room.t60,
-    }
+    given = {"snr_db": snr_db, "sdnr_db": sdnr_db}
+    conditions: dict[str, Any] = {key: float(level) for key, level in given.items() if level is not None}
+    noise = noise_kind(plain(scene), sensor=snr_db is not None)
+    conditions |= {"noise": noise, "room": list(room.size), "t60": room.t60}
     about = recording.describe(
         scene.array, scene.probe, speed_of_sound=scene.speed_of_sound, walls=outline(room), conditions=conditions
     )

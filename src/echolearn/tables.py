@@ -105,7 +105,7 @@ def gather(contest: Comparison, *, source: str, best: str) -> dict[str, Any]:
 
 def describe_set(name: str, dataset: Dataset) -> dict[str, Any]:
     """Return what the table of sets shows: sizes, labels, and how often the TOA is right in each SNR band."""
-    snr_db, reflector = dataset["snr_db"], dataset["reflector"]
+    snr_db, reflector = dataset.ratio_db, dataset["reflector"]
     inside = [in_band(snr_db, low=low, high=high) for low, high in BANDS]
     return {
         "name": name,

@@ -9,7 +9,7 @@ import numpy as np
 
 from echolearn import stats, store
 from echolearn.classify.inputs import COVARIANCE, view_of
-from echolearn.dataset import Dataset, split
+from echolearn.dataset import Dataset, noise_kind, split
 from echolearn.judge import Answer, Heard, Sheet
 from echolearn.training import load_scorer
 from echolearn.types import Array, check
@@ -105,8 +105,8 @@ def _title(run: Run) -> tuple[str, str, int]:
 def sheet_of(dataset: Dataset, name: str, *, resamples: int) -> Sheet:
     """Return the sheet of a labelled set, judged by the paper's label."""
     weights = stats.cluster_weights(dataset["group"], resamples=resamples)
-    noise = dataset.manifest["plan"]["scene"]["noise"]["_target_"].rpartition(".")[2].lower()
-    return Sheet(name, dataset["reflector"], dataset["group"], dataset["snr_db"], weights, noise)
+    noise = noise_kind(dataset.manifest["plan"]["scene"], sensor=bool(np.isfinite(dataset["snr_db"]).any()))
+    return Sheet(name, dataset["reflector"], dataset["group"], dataset.ratio_db, weights, noise)
 
 
 def answer_set(run: Run, dataset: Dataset, *, studied: bool = False) -> Answer:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,6 +12,9 @@ Array = NDArray[Any]
 
 SPEED_OF_SOUND = 343.0
 """m/s, the paper's value."""
+
+LATER = MappingProxyType({"later": True})
+"""Metadata of a field that came later: left out of digests while it is None, so what was made before keeps its name."""
 
 
 class BadValue(ValueError):
