@@ -13,7 +13,7 @@ from echolearn import features, recording
 from echolearn.hearing import BLOCK, hear
 from echolearn.judge import Heard
 from echolearn.localize.matched import Matched
-from echolearn.tables import Comparison
+from echolearn.tables import Comparison, snr_of
 from echolearn.types import BadValue
 from world import HALL, POSES, World
 
@@ -37,6 +37,11 @@ def test_every_pose_has_its_echo_in_its_place(world: World, heard: Heard) -> Non
     assert set(heard.columns) == set(columns)
     for name, column in columns.items():
         assert np.allclose(heard.columns[name], column, rtol=1e-3, atol=1e-4), name
+
+
+@pytest.mark.parametrize(("walk", "spelled"), [("hall_0dB", "0"), ("hall_-10dB", "-10")])
+def test_a_survey_in_white_noise_has_the_ratio_of_its_name(contest: Comparison, walk: str, spelled: str) -> None:
+    assert snr_of(contest.heard[walk, "gated"]) == spelled
 
 
 def test_points_lie_where_their_echoes_came_from(heard: Heard, world: World) -> None:

@@ -87,7 +87,7 @@ def test_six_microphones_take_six_stretches(tmp_path: Path) -> None:
 
 
 def test_another_rate_than_the_probes_is_refused() -> None:
-    with pytest.raises(BadValue, match=r"^recorded.sample_rate=8000 Hz: 22050 Hz"):
+    with pytest.raises(BadValue, match=r"^diffuse.source.sample_rate=8000 Hz: 22050 Hz"):
         Recorded(np.ones(100, dtype=np.float32), 8000.0)(length=10, sample_rate=22050.0, rng=np.random.default_rng(0))
 
 
@@ -99,11 +99,11 @@ def test_another_rate_than_the_probes_is_refused() -> None:
         (np.zeros(0), None, "no samples"),
         (np.append(tones(RATE), np.nan), None, "NaN or infinity: finite samples"),
         (np.append(tones(RATE), np.inf), None, "NaN or infinity"),
-        (tones(RATE, channels=2), None, "recorded.channel=none: 1 to 2, or mix; the file has 2 channels"),
-        (tones(RATE, channels=2), 3, "recorded.channel=3: 1 to 2, or mix"),
-        (tones(RATE, channels=2), 0, "recorded.channel=0: 1 to 2, or mix"),
-        (tones(RATE, channels=2), "left", "recorded.channel=left: 1 to 2, or mix"),
-        (tones(RATE, channels=2), True, "recorded.channel=True"),
+        (tones(RATE, channels=2), None, "diffuse.source.channel=none: 1 to 2, or mix; the file has 2 channels"),
+        (tones(RATE, channels=2), 3, "diffuse.source.channel=3: 1 to 2, or mix"),
+        (tones(RATE, channels=2), 0, "diffuse.source.channel=0: 1 to 2, or mix"),
+        (tones(RATE, channels=2), "left", "diffuse.source.channel=left: 1 to 2, or mix"),
+        (tones(RATE, channels=2), True, "diffuse.source.channel=True"),
     ],
 )
 def test_recordings_that_cannot_be_used_are_refused(tmp_path: Path, samples: Array, channel: Any, message: str) -> None:
@@ -117,11 +117,11 @@ def test_recordings_that_cannot_be_used_are_refused(tmp_path: Path, samples: Arr
 @pytest.mark.parametrize(
     ("path", "message"),
     [
-        (None, "recorded.path=None: a WAV or FLAC file; give it"),
-        ("", "recorded.path=: a WAV or FLAC file"),
-        (5, "recorded.path=5: a WAV or FLAC file"),
-        ("nowhere.wav", "recorded.path=nowhere.wav: a file; is it relative to "),
-        (".", "recorded.path=.: a file"),
+        (None, "diffuse.source.path=None: a WAV or FLAC file; give it"),
+        ("", "diffuse.source.path=: a WAV or FLAC file"),
+        (5, "diffuse.source.path=5: a WAV or FLAC file"),
+        ("nowhere.wav", "diffuse.source.path=nowhere.wav: a file; is it relative to "),
+        (".", "diffuse.source.path=.: a file"),
     ],
 )
 def test_files_that_are_not_there_are_named(path: Any, message: str) -> None:
@@ -135,5 +135,5 @@ def test_files_that_are_no_audio_are_refused(tmp_path: Path, content: bytes) -> 
     (tmp_path / "text.wav").write_bytes(content)
     with pytest.raises(BadValue) as refused:
         recorded(str(tmp_path / "text.wav"))
-    assert str(refused.value).startswith(f"recorded.path={tmp_path / 'text.wav'}")
+    assert str(refused.value).startswith(f"diffuse.source.path={tmp_path / 'text.wav'}")
     assert "\n" not in str(refused.value)

@@ -99,16 +99,16 @@ def test_seeds_tell_sounds_apart() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"rate": 0}, "rotor.rate=0 Hz"),
-        ({"rate": "fast"}, "rotor.rate=fast Hz"),
-        ({"blades": 2.5}, "rotor.blades=2.5"),
-        ({"rotors": 0}, "rotor.rotors=0"),
-        ({"jitter": -0.1}, "rotor.jitter=-0.1"),
-        ({"wander": 0.0}, "rotor.wander=0.0 s"),
-        ({"harmonics": 0}, "rotor.harmonics=0"),
-        ({"tonal": 1.5}, "rotor.tonal=1.5"),
-        ({"corner": 5.0}, "rotor.corner=5.0 Hz"),
-        ({"blade_gain_db": float("nan")}, "rotor.blade_gain_db=nan dB"),
+        ({"rate": 0}, "diffuse.source.rate=0 Hz"),
+        ({"rate": "fast"}, "diffuse.source.rate=fast Hz"),
+        ({"blades": 2.5}, "diffuse.source.blades=2.5"),
+        ({"rotors": 0}, "diffuse.source.rotors=0"),
+        ({"jitter": -0.1}, "diffuse.source.jitter=-0.1"),
+        ({"wander": 0.0}, "diffuse.source.wander=0.0 s"),
+        ({"harmonics": 0}, "diffuse.source.harmonics=0"),
+        ({"tonal": 1.5}, "diffuse.source.tonal=1.5"),
+        ({"corner": 5.0}, "diffuse.source.corner=5.0 Hz"),
+        ({"blade_gain_db": float("nan")}, "diffuse.source.blade_gain_db=nan dB"),
     ],
 )
 def test_bad_rotors_are_refused(change: dict[str, Any], message: str) -> None:
@@ -117,8 +117,12 @@ def test_bad_rotors_are_refused(change: dict[str, Any], message: str) -> None:
     assert str(refused.value).startswith(message)
 
 
-def test_s_nls_under_rotors_alone_is_as_good_as_planned_at_either_end(scene: Scene, study: tuple[Room, Pose]) -> None:
-    """20 probes x 3 draws at SDNR -10 and -30 dB; planning measured 93 and 20 %, here within three deviations."""
+def test_s_nls_under_rotors_alone_is_as_good_as_planned(scene: Scene, study: tuple[Room, Pose]) -> None:
+    """20 probes x 3 draws. Planning measured 93, 73 and 20 % in few trials at SDNR -10, -20 and -30 dB.
+
+    In the middle the figure hangs on the spectrum, of which only two numbers are known: from 35 % (power of harmonics
+    falling as 1 / k) over 50 % (this model) and 60 % (much of it below 70 Hz) to 73 % (nothing but the line at 70 Hz).
+    """
     truth, place = true_echoes(*study, RING).toa, microphone_positions(RING, study[1])[:1]
     response = scene.rir(study[0], study[1].position, place, sample_rate=22050.0, speed_of_sound=343.0)
     field = [Diffuse(Rotor())(RING, length=20000, sample_rate=22050.0, rng=np.random.default_rng(s)) for s in range(3)]
@@ -126,11 +130,11 @@ def test_s_nls_under_rotors_alone_is_as_good_as_planned_at_either_end(scene: Sce
     for seed in range(20):
         robot = replace(scene, probe=noise_probe(seed=seed), array=MicArray(RING.positions[:1]))
         received = convolve(robot.probe.samples, response, 20000)
-        for heard, sdnr_db in product(field, (-10.0, -30.0)):
+        for heard, sdnr_db in product(field, (-10.0, -20.0, -30.0)):
             noise = heard[:1] * np.sqrt(np.mean(received**2) / np.mean(heard[0] ** 2) * 10 ** (-sdnr_db / 10))
             heard_by_one = Observation((received - robot.direct + noise)[None], robot.probe, robot.array)
             matched = Matched(heard_by_one, SearchWindow(rule="authors"))
             found.append(matched.toa(matched.strongest)[0])
-    right = (np.abs(np.array(found)[:, None] - truth).min(axis=1) * 22050.0 < 5).reshape(-1, 2)
-    for share, expected in zip(right.mean(axis=0), (0.93, 0.20), strict=True):
+    right = (np.abs(np.array(found)[:, None] - truth).min(axis=1) * 22050.0 < 5).reshape(-1, 3)
+    for share, expected in zip(right.mean(axis=0), (0.93, 0.50, 0.20), strict=True):
         assert abs(share - expected) < 3 * np.sqrt(2 * expected * (1 - expected) / 60)

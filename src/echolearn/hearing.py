@@ -46,9 +46,9 @@ def hear(folder: Path, localizer: Localizer, *, name: str, resamples: int) -> He
 
 
 def _ratio_db(conditions: Mapping[str, Any]) -> float:
-    """Return the received probe over all noises together, in dB; NaN where nothing is known of it."""
+    """Return the received probe over all noises together, to 0.1 dB; NaN where nothing is known of it."""
     known = [float(conditions[key]) for key in ("snr_db", "sdnr_db") if conditions.get(key) is not None]
-    return float(joint_db(*known)) if known else np.nan
+    return round(float(joint_db(*known)), 1) + 0.0 if known else np.nan  # 0.0 turns -0.0 into 0.0, as names have it
 
 
 def _describe(survey: recording.Survey, localizer: Localizer, block: range) -> dict[str, Array]:

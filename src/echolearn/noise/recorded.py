@@ -9,7 +9,7 @@ from scipy.signal import resample_poly
 
 from echolearn.types import Array, BadValue, check, check_number
 
-NAME = "recorded.path"
+NAME = "diffuse.source.path"
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Recorded:
         Raises:
             BadValue: the recording is too short, or its rate another one.
         """
-        hint = "recorded.sample_rate should be that of the probe"
-        check(sample_rate == self.sample_rate, "recorded.sample_rate", f"{self.sample_rate:g} Hz",
+        hint = "diffuse.source.sample_rate should be that of the probe"
+        check(sample_rate == self.sample_rate, "diffuse.source.sample_rate", f"{self.sample_rate:g} Hz",
               allowed=f"{sample_rate:g} Hz", hint=hint)  # fmt: skip
         left = len(self.samples) - length
         allowed = f"at least {length / sample_rate:.2f} s at once"
@@ -52,7 +52,7 @@ def recorded(path: str | None, *, channel: int | str | None = None, sample_rate:
     Raises:
         BadValue: no such file, not audio, silence, NaN, or a channel that is not there.
     """
-    check_number("recorded.sample_rate", sample_rate, low=1000.0, high=400_000.0, unit="Hz")
+    check_number("diffuse.source.sample_rate", sample_rate, low=1000.0, high=400_000.0, unit="Hz")
     samples, rate = _read(path)
     chosen = _choose(samples, channel)
     check(bool(np.isfinite(chosen).all()), NAME, f"{path}, NaN or infinity", allowed="finite samples")
@@ -87,8 +87,8 @@ def _choose(samples: Array, channel: int | str | None) -> Array:
     if channel == "mix":
         return samples.mean(axis=1)
     if channel is None:
-        check(count == 1, "recorded.channel", "none", allowed=f"{known}; the file has {count} channels")
+        check(count == 1, "diffuse.source.channel", "none", allowed=f"{known}; the file has {count} channels")
         return samples[:, 0]
     whole = isinstance(channel, int) and not isinstance(channel, bool)
-    check(whole and 1 <= int(channel) <= count, "recorded.channel", channel, allowed=known)
+    check(whole and 1 <= int(channel) <= count, "diffuse.source.channel", channel, allowed=known)
     return samples[:, int(channel) - 1]

@@ -55,15 +55,15 @@ class Rotor:
     corner: float = 70.0
 
     def __post_init__(self) -> None:
-        check_number("rotor.rate", self.rate, low=1.0, high=1000.0, unit="Hz", hint="revolutions per second")
-        check_whole("rotor.blades", self.blades, low=1, high=20)
-        check_whole("rotor.rotors", self.rotors, low=1, high=32)
-        check_number("rotor.jitter", self.jitter, low=0.0, high=0.2, hint="relative to the rate")
-        check_number("rotor.wander", self.wander, low=2 * STEP, high=100.0, unit="s")
-        check_whole("rotor.harmonics", self.harmonics, low=1, high=1000)
-        check_number("rotor.blade_gain_db", self.blade_gain_db, low=-100.0, high=100.0, unit="dB")
-        check_number("rotor.tonal", self.tonal, low=0.0, high=1.0)
-        check_number("rotor.corner", self.corner, low=LOWEST, high=100_000.0, unit="Hz")
+        check_number("diffuse.source.rate", self.rate, low=1.0, high=1000.0, unit="Hz", hint="revolutions per second")
+        check_whole("diffuse.source.blades", self.blades, low=1, high=20)
+        check_whole("diffuse.source.rotors", self.rotors, low=1, high=32)
+        check_number("diffuse.source.jitter", self.jitter, low=0.0, high=0.2, hint="relative to the rate")
+        check_number("diffuse.source.wander", self.wander, low=2 * STEP, high=100.0, unit="s")
+        check_whole("diffuse.source.harmonics", self.harmonics, low=1, high=1000)
+        check_number("diffuse.source.blade_gain_db", self.blade_gain_db, low=-100.0, high=100.0, unit="dB")
+        check_number("diffuse.source.tonal", self.tonal, low=0.0, high=1.0)
+        check_number("diffuse.source.corner", self.corner, low=LOWEST, high=100_000.0, unit="Hz")
 
     def __call__(self, *, length: int, sample_rate: float, rng: np.random.Generator) -> Array:
         """Return `length` samples whose expected power is 1, shape (length,)."""
