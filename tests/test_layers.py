@@ -15,7 +15,7 @@ SOURCE = Path(echolearn.__file__).parent
 ORDER = """
     types literal processes progress config store geometry matching signals coverage stats recording noise localize rir
     features metrics mapping simulate plans dataset survey judge hearing classify task training trained tables figures
-    report compare launch commands cli
+    report compare trials curves study launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 
@@ -34,7 +34,7 @@ OWNERS = {
     "soundfile": {"noise"},
     "numba": {"rir"},
     "llvmlite": {"rir"},
-    "matplotlib": {"figures"},
+    "matplotlib": {"figures", "curves"},
     "jinja2": {"report"},
     "rich": {"progress"},
     "numpy": set(ORDER),

@@ -75,6 +75,16 @@ def compare(config: Config) -> None:
     judge(**build(without(config, "choice window runs readme")), runs=Path(config["runs"]), readme=readme)
 
 
+def study(config: Config) -> None:
+    """Measure every localizer's accuracy against SNR, reverberation, rotor noise or faults."""
+    from echolearn.config import build, without
+    from echolearn.study import Study, run
+
+    outside = ("name", "runs", "workers", "resamples", "command")
+    about = build(without(config, "choice rir noise diffuse " + " ".join(outside)), "study")
+    run(Study(**about), **{key: config[key] for key in outside} | {"runs": Path(config["runs"])})
+
+
 def verify(folder: str) -> str:
     """Re-prove finished folders: the size and checksum of every file."""
     from echolearn import store
@@ -87,4 +97,5 @@ COMMANDS: dict[str, Callable[[Config], Path | None]] = {
     "train": train,
     "survey": survey,
     "compare": compare,
+    "study": study,
 }

@@ -1,0 +1,87 @@
+"""What a study found, to read and to look at: a tidy table, figures in the paper's layout, a table in words."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from echolearn.compare import to_csv
+from echolearn.figures import CYCLE, GREY, MARKERS, draw
+
+FORMAT = 1
+"""Version of the files; part of a study's identity."""
+
+Row = dict[str, Any]
+
+AXIS = {"snr_db": "SNR / dB", "sdnr_db": "SDNR / dB", "t60": "reverberation time / s", "fault": "fault of the array"}
+PANELS = {
+    "toa_doa": {
+        "toa": "a) time of arrival within 5 samples",
+        "doa": "b) direction of the matched wall within 5 degrees",
+    },
+    "map": {"on_map": "a) map point within 0.10 m of a wall", "doa_any": "b) DOA within 5 degrees of any wall"},
+}
+
+
+def make(name: str, vary: str, rows: Sequence[Row]) -> dict[str, bytes]:
+    """Return the files of a study by name: `study.csv`, `study.md` and the figures."""
+    columns = ["localizer", vary, "metric", "value", "ci_low", "ci_high", "n"]
+    files = {"study.csv": to_csv(rows, columns), "study.md": table(name, vary, rows).encode()}
+    return files | {
+        f"figures/{figure}.svg": draw_panels(vary, rows, panels).encode() for figure, panels in PANELS.items()
+    }
+
+
+def table(name: str, vary: str, rows: Sequence[Row]) -> str:
+    """Return the shares in per cent, a line per localizer and a column per value, for each metric."""
+    values = list(dict.fromkeys(row[vary] for row in rows))
+    text = [f"# Study {name}: share of recordings in %, n = {rows[0]['n']} at each value"]
+    for metric, title in {**PANELS["toa_doa"], **PANELS["map"]}.items():
+        text += ["", f"**{title.split(') ')[-1]}**, by {AXIS[vary]}", ""]
+        text += [f"| | {' | '.join(map(str, values))} |", "|---" * (len(values) + 1) + "|"]
+        for localizer in dict.fromkeys(row["localizer"] for row in rows):
+            found = [row for row in rows if row["localizer"] == localizer and row["metric"] == metric]
+            text.append(f"| {localizer} | {' | '.join(format(100 * row['value'], '.0f') for row in found)} |")
+    return "\n".join(text) + "\n"
+
+
+def draw_panels(vary: str, rows: Sequence[Row], panels: Mapping[str, str]) -> str:
+    """Draw metrics side by side, a line per localizer with its interval; chance is dashed."""
+
+    def paint(figure: Figure) -> None:
+        axes = figure.subplots(1, len(panels), squeeze=False, sharey=True).ravel()
+        for axis, (metric, title) in zip(axes, panels.items(), strict=True):
+            paint_metric(axis, vary, [row for row in rows if row["metric"] == metric])
+            axis.set(title=title, xlabel=AXIS[vary], ylim=(-0.02, 1.03))
+        axes[0].set_ylabel("share of recordings")
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=5)
+
+    return draw(paint, width=9.2, height=4.4)
+
+
+def paint_metric(axis: Axes, vary: str, rows: Sequence[Row]) -> None:
+    """Draw one metric of every localizer."""
+    values = list(dict.fromkeys(row[vary] for row in rows))
+    named = any(isinstance(value, str) for value in values)
+    place = {value: number if named else value for number, value in enumerate(values)}
+    for number, name in enumerate(dict.fromkeys(row["localizer"] for row in rows)):
+        found = [row for row in rows if row["localizer"] == name]
+        x = [place[row[vary]] for row in found]
+        known = name != "chance"
+        style: Any = {"color": CYCLE[number % len(CYCLE)] if known else GREY, "linestyle": "-" if known else "--"}
+        marker = MARKERS[number % len(MARKERS)] if known else ""
+        axis.plot(x, [row["value"] for row in found], marker=marker, markersize=4, label=name, **style)
+        low, high = [row["ci_low"] for row in found], [row["ci_high"] for row in found]
+        axis.fill_between(x, low, high, color=style["color"], alpha=0.12, linewidth=0)
+    if named:
+        axis.set_xticks(list(place.values()), [str(value).replace("_", " ") for value in place])
+
+
+def show(folder: Path) -> None:
+    """Print a study's table, and where its figures are."""
+    print((folder / "study.md").read_text(), flush=True)
+    for path in sorted((folder / "figures").glob("*.svg")):
+        print(path, flush=True)

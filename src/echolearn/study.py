@@ -1,0 +1,221 @@
+"""How well echoes are found: every localizer's accuracy while one thing of the scene is varied.
+
+At each value all localizers hear the same recordings, from positions with two walls in the search window, in a corner
+of the room and under a random heading. The wall that an estimate is *matched* with is the one whose true TOA is
+nearest to it, or of several within 5 samples the one nearest in direction. Each metric is a share of all recordings:
+
+| metric  | the estimate ...                                                                  |
+|---------|-----------------------------------------------------------------------------------|
+| toa     | lies within 5 samples of its wall's TOA (the paper, V-B)                            |
+| doa     | lies within 5 degrees of its wall's azimuth                                         |
+| doa_any | lies within 5 degrees of any wall's azimuth: the paper's rule, easily met by chance |
+| on_map  | lies, as a map point, within 0.10 m of a wall                                       |
+
+`chance` draws a TOA evenly from the window and an azimuth evenly from the circle. Intervals are a bootstrap over
+positions; where all or none of the recordings hit, Wilson's.
+
+A localizer that refuses the recordings of a faulty array (S-NLS, if microphone 1 is the dead one) misses. A study is
+resumed value by value: what was found at one value is one shard of its folder.
+"""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echolearn import curves, stats, store
+from echolearn.dataset import plain
+from echolearn.geometry import SearchWindow, check_inside
+from echolearn.localize import Localizer
+from echolearn.processes import processes
+from echolearn.progress import track
+from echolearn.simulate import Scene, check_levels
+from echolearn.trials import FAULTS, METRICS, Condition, Trials
+from echolearn.types import Array, BadValue, Pose, Room, check, check_list, check_name, check_number, check_whole
+
+CHANCE = "chance"
+VARIED = ("snr_db", "sdnr_db", "t60", "fault")
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is varied, where, and how often.
+
+    Attributes:
+        vary: snr_db, sdnr_db, t60 or fault.
+        values: of it, ascending; faults by name.
+        room: a shoebox.
+        scene: what the robot carries.
+        localizers: by name.
+        snr_db: unless varied; None is no sensor noise.
+        sdnr_db: unless varied; None is no diffuse noise.
+        walls: distances between which the two nearest walls of every position lie, in m.
+        window: from which `chance` draws.
+        positions: how many.
+        trials: recordings at each value, shared out evenly over the positions.
+        seed: of positions and noise.
+    """
+
+    vary: str
+    values: Sequence[Any]
+    room: Room
+    scene: Scene
+    localizers: Mapping[str, Localizer]
+    snr_db: float | None = 40.0
+    sdnr_db: float | None = None
+    walls: tuple[float, float] = (1.0, 1.5)
+    window: SearchWindow = SearchWindow()
+    positions: int = 20
+    trials: int = 100
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check(self.vary in VARIED, "vary", self.vary, allowed=", ".join(VARIED))
+        check_list("values", self.values)
+        check(len(self.values) > 0, "values", "[]", allowed="at least one value")
+        check(len(set(self.values)) == len(self.values), "values", list(self.values), allowed="each value once")
+        check(len(self.localizers) > 0, "localizers", "{}", allowed="at least one")
+        check_list("walls", self.walls, length=2, allowed="two distances in m")
+        for distance in self.walls:
+            check_number("walls", distance, low=0.0, high=100.0, unit="m")
+        check_whole("positions", self.positions, low=2, high=10_000, hint="intervals need several")
+        check_whole("trials", self.trials, low=self.positions, high=1_000_000, hint="one per position at least")
+        check_whole("seed", self.seed, low=0)
+        for value in self.values:
+            self.condition(value)
+        for position in range(self.positions):
+            check_inside(self.room, self.scene.array, self.pose(position))
+
+    def condition(self, value: Any) -> Condition:
+        """Return what a value stands for.
+
+        Raises:
+            BadValue: out of range, a T60 that the room cannot have, an unknown fault.
+        """
+        room, snr_db, sdnr_db, fault = self.room, self.snr_db, self.sdnr_db, FAULTS["none"]
+        if self.vary == "fault":
+            check(value in FAULTS, "values", value, allowed=", ".join(FAULTS))
+            fault = FAULTS[value]
+        elif self.vary == "t60":
+            room = replace(room, t60=value)
+        else:
+            snr_db, sdnr_db = (value, sdnr_db) if self.vary == "snr_db" else (snr_db, value)
+        for name, level in (("snr_db", snr_db), ("sdnr_db", sdnr_db)):
+            if level is not None:
+                check_number(name, level, low=-100.0, high=100.0, unit="dB")
+        check_levels(self.scene, snr_db=snr_db, sdnr_db=sdnr_db)
+        return Condition(room, snr_db, sdnr_db, fault)
+
+    def pose(self, position: int) -> Pose:
+        """Return a pose in a corner, both of its walls at distances from `walls`, at mid-height."""
+        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(0, position)))
+        away = rng.uniform(*self.walls, 2)
+        size, far = np.array(self.room.size), rng.integers(2, size=2).astype(bool)
+        place = np.append(np.where(far, size[:2] - away, away), size[2] / 2)
+        return Pose(place, float(rng.uniform(-np.pi, np.pi)))
+
+
+def run(
+    study: Study, *, name: str, runs: Path, workers: int = 1, resamples: int = 1000, command: str | None = None
+) -> Path:
+    """Carry out a study, or what is missing of it, and write its table and figures.
+
+    Args:
+        study: what to vary.
+        name: names the folder under `runs/study`.
+        runs: folder of everything generated.
+        workers: processes; the result does not depend on their number.
+        resamples: bootstrap draws behind every interval.
+        command: what makes the study again, for its manifest; None says nothing about it.
+
+    Returns:
+        The study's folder.
+
+    Raises:
+        BadValue: an argument out of range, or a folder that cannot be written.
+    """
+    check_name("name", name)
+    check_whole("workers", workers, low=1, high=1024)
+    check_whole("resamples", resamples, low=20, high=100_000)
+    folder = Path(runs) / "study" / name
+    about = {"kind": "study", "format": curves.FORMAT, "study": plain(study), "resamples": resamples}
+    if not _is_finished(folder, about):
+        estimates = folder / f"estimates-{store.digest(plain(study))}"
+        _listen(study, estimates, workers=workers)
+        files = curves.make(name, study.vary, _judged(study, estimates, resamples=resamples))
+        for file, content in files.items():
+            store.write_atomic(folder / file, content)
+        store.finish(folder, about | store.made_by(command), files)
+        for outdated in {*folder.glob("estimates-*")} - {estimates}:
+            shutil.rmtree(outdated)
+    curves.show(folder)
+    return folder
+
+
+def _is_finished(folder: Path, about: Mapping[str, Any]) -> bool:
+    try:
+        manifest = store.verify(folder)
+    except BadValue:
+        return False
+    return store.canonical({key: manifest.get(key) for key in about}) == store.canonical(about)
+
+
+def _listen(study: Study, folder: Path, *, workers: int) -> None:
+    """Write the shard of every value that has none yet."""
+    store.clean(folder)
+    count = len(study.values)
+    missing = store.missing_shards(folder, count)
+    with processes(max(1, min(workers, len(missing)))) as pool:
+        jobs = [pool.submit(_write, study, folder, index) for index in missing]
+        for job in track(jobs, f"study {folder.parent.name}", unit="values", done=count - len(missing)):
+            job.result()
+
+
+def _write(study: Study, folder: Path, index: int) -> None:
+    store.write_shard(folder, index, listen(study, study.values[index]))
+
+
+def listen(study: Study, value: Any) -> Array:
+    """Return what every localizer makes of the recordings at one value.
+
+    Returns:
+        Records, shape (trials,): `position`, its number; `hit`, shape (localizers + 1, 4), bool: the metrics in the
+        order of `METRICS` for each localizer and, last, the share for `chance`.
+    """
+    condition = study.condition(value)
+    share = np.array_split(np.arange(study.trials), study.positions)
+    blocks = [
+        Trials(condition, study.scene, study.pose(place), place, [int(number) for number in numbers], study.seed).judge(
+            list(study.localizers.values()), study.window
+        )
+        for place, numbers in enumerate(share)
+    ]
+    table = np.empty(study.trials, dtype=[("position", int), ("hit", float, (len(study.localizers) + 1, len(METRICS)))])
+    table["position"] = np.repeat(np.arange(study.positions), [len(numbers) for numbers in share])
+    table["hit"] = np.concatenate(blocks)
+    return table
+
+
+def _judged(study: Study, folder: Path, *, resamples: int) -> list[curves.Row]:
+    """Return one row for each value, localizer and metric."""
+    rows = []
+    for index, value in enumerate(study.values):
+        table = np.load(folder / store.shard_name(index), allow_pickle=False)
+        weights = stats.cluster_weights(table["position"], resamples=resamples)
+        for column, name in enumerate([*study.localizers, CHANCE]):
+            for metric, hit in zip(METRICS, table["hit"][:, column].T, strict=True):
+                low, high = _interval(hit, weights)
+                share = {"value": float(hit.mean()), "ci_low": low, "ci_high": high, "n": len(hit)}
+                rows.append({"localizer": name, study.vary: value, "metric": metric, **share})
+    return rows
+
+
+def _interval(hit: Array, weights: Array) -> tuple[float, float]:
+    if hit.min() == hit.max():
+        found = stats.wilson(round(hit.sum()), len(hit))
+    else:
+        found = stats.interval(lambda w: hit.mean() if w is None else w @ hit / w.sum(axis=-1), weights)
+    return found.low, found.high

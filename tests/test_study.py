@@ -1,0 +1,132 @@
+"""A study from end to end: its figures, its resumption, its refusals."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from echolearn import config, store, study
+from echolearn.geometry import circular_array, true_echoes
+from echolearn.localize.gated import Gated
+from echolearn.localize.joint import Joint
+from echolearn.noise.white import White
+from echolearn.rir.images import Images
+from echolearn.signals import noise_probe
+from echolearn.simulate import Scene
+from echolearn.study import Study
+from echolearn.types import BadValue, Room
+
+EXPERIMENTS = sorted(path.stem for path in (config.folder() / "experiment").glob("*.yaml"))
+SMALL = Study(
+    "snr_db",
+    [-30.0, 10.0],
+    Room((6.0, 5.0, 6.0), 0.25),
+    Scene(circular_array(), noise_probe(length=8000), Images(), White()),
+    {"gated": Gated(azimuths=36), "joint": Joint(azimuths=36)},
+    positions=4,
+    trials=12,
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return study.run(SMALL, name="small", runs=tmp_path_factory.mktemp("runs"), resamples=50)
+
+
+def rows(folder):
+    with (folder / "study.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def share(folder, **where):
+    [row] = [row for row in rows(folder) if all(row[key] == value for key, value in where.items())]
+    return float(row["value"]), float(row["ci_low"]), float(row["ci_high"])
+
+
+def content(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_estimators_are_perfect_in_quiet_and_guess_in_noise(folder):
+    for localizer in ("gated", "joint"):
+        value, low, high = share(folder, localizer=localizer, snr_db="10.0", metric="on_map")
+        assert value == high == 1.0
+        assert 0.7 < low < 0.8  # Wilson's for 12 of 12
+        assert share(folder, localizer=localizer, snr_db="-30.0", metric="toa")[0] < 0.7
+    chance = share(folder, localizer="chance", snr_db="10.0", metric="toa")
+    assert chance == share(folder, localizer="chance", snr_db="-30.0", metric="toa")
+    assert 0.03 < chance[1] < chance[0] < chance[2] < 0.3
+
+
+def test_table_figures_and_csv_are_there(folder):
+    assert len(rows(folder)) == 2 * 3 * 4
+    assert {"study.csv", "study.md", "figures/toa_doa.svg", "figures/map.svg"} <= {
+        str(name) for name in content(folder)
+    }
+    assert "| joint | " in (folder / "study.md").read_text()
+    assert store.verify(folder)["kind"] == "study"
+
+
+def test_an_interrupted_study_goes_on_and_ends_the_same(folder, tmp_path):
+    whole = content(folder)
+    again = study.run(SMALL, name="small", runs=tmp_path, resamples=50, workers=2)
+    assert content(again) == whole
+    [estimates] = again.glob("estimates-*")
+    kept = estimates / store.shard_name(0)
+    before = kept.stat().st_mtime_ns
+    (again / store.MANIFEST).unlink()
+    (estimates / store.shard_name(1)).unlink()
+    study.run(SMALL, name="small", runs=tmp_path, resamples=50)
+    assert content(again) == whole
+    assert kept.stat().st_mtime_ns == before
+
+
+def test_another_study_of_that_name_replaces_it_whole(tmp_path):
+    first = study.run(replace(SMALL, values=[10.0]), name="small", runs=tmp_path, resamples=20)
+    study.run(replace(SMALL, values=[20.0], trials=4), name="small", runs=tmp_path, resamples=20)
+    assert {row["snr_db"] for row in rows(first)} == {"20.0"}
+    assert len(list(first.glob("estimates-*"))) == 1
+
+
+def test_positions_are_where_they_should_be():
+    poses = [SMALL.pose(number) for number in range(30)]
+    size = np.array(SMALL.room.size)
+    away = np.array([np.minimum(pose.position, size - pose.position)[:2] for pose in poses])
+    assert 1.0 <= away.min() < 1.1
+    assert 1.4 < away.max() <= 1.5
+    window = SMALL.window.lags(SMALL.scene.array, 22050.0, 343.0)
+    for pose in poses:
+        near = np.sort(true_echoes(SMALL.room, pose, SMALL.scene.array).toa)[:2] * 22050
+        assert window[0] <= near.min() < near.max() <= window[1]
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_experiment_can_be_built(name):
+    [(_, about)] = config.compose("study", [f"experiment={name}"])
+    keys = config.without(about, "choice rir noise diffuse name runs workers resamples command")
+    built = Study(**config.build(keys, "study"))
+    assert about["name"] == name
+    assert built.trials >= 50
+    assert len(built.values) >= 4
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"vary": "mood"}, "vary=mood"),
+        ({"values": []}, "values="),
+        ({"values": [0.0, 0.0]}, "each value once"),
+        ({"values": [400.0]}, "snr_db=400.0 dB"),
+        ({"vary": "t60", "values": [0.01]}, "room.t60=0.01 s"),
+        ({"vary": "fault", "values": ["rust"]}, "values=rust"),
+        ({"vary": "sdnr_db", "values": [0.0]}, "sdnr_db"),
+        ({"positions": 1}, "positions=1"),
+        ({"trials": 3}, "trials=3"),
+        ({"walls": (1.0, 40.0)}, "room"),
+        ({"localizers": {}}, "localizers"),
+    ],
+)
+def test_bad_input_is_refused(change, message):
+    with pytest.raises(BadValue, match=message):
+        replace(SMALL, **change)

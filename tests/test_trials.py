@@ -1,0 +1,121 @@
+"""Which estimates hit, by hand; what a faulty array hears; that conditions share their noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from echolearn.geometry import SearchWindow, circular_array, true_echoes
+from echolearn.localize.joint import Joint
+from echolearn.localize.snls import Snls
+from echolearn.noise.white import White
+from echolearn.rir.images import Images
+from echolearn.signals import noise_probe
+from echolearn.simulate import Scene
+from echolearn.trials import FAULTS, GUESSES, METRICS, Condition, Fault, Trials, guess, hits
+from echolearn.types import BadValue, Observation, Pose, Room
+
+ROOM = Room((6.0, 5.0, 6.0), 0.25)
+POSE = Pose(np.array([1.0, 1.5, 3.0]), heading=0.7)
+RING = circular_array()
+SCENE = Scene(RING, noise_probe(length=8000), Images(), White())
+SILENCE = Observation(np.zeros((1, 6, 8000)), SCENE.probe, RING)
+
+
+def trials(*, fault="none", snr_db=20.0, numbers=range(4), scene=SCENE):
+    return Trials(Condition(ROOM, snr_db, None, FAULTS[fault]), scene, POSE, 3, list(numbers), 0)
+
+
+def judged(toa, azimuth, elevation=np.pi / 2):
+    """Return the metrics of one estimate by name."""
+    [found] = hits(np.array([[toa, azimuth, elevation]]), ROOM, POSE, SILENCE)
+    return dict(zip(METRICS, found, strict=True))
+
+
+def test_the_truth_hits_everything():
+    truth = true_echoes(ROOM, POSE, RING)
+    for wall in range(4):
+        assert set(judged(truth.toa[wall], truth.azimuth[wall]).values()) == {1.0}
+
+
+def test_five_samples_and_five_degrees_are_the_limits():
+    truth = true_echoes(ROOM, POSE, RING)
+    toa, azimuth = truth.toa[0], truth.azimuth[0]
+    assert judged(toa + 4.9 / 22050, azimuth)["toa"] == 1.0
+    assert judged(toa + 5.1 / 22050, azimuth)["toa"] == 0.0
+    assert judged(toa, azimuth + np.radians(4.9))["doa"] == 1.0
+    assert judged(toa, azimuth - np.radians(5.1))["doa"] == 0.0
+
+
+def test_another_walls_direction_counts_for_the_lenient_rule_only():
+    truth = true_echoes(ROOM, POSE, RING)
+    assert judged(truth.toa[0], truth.azimuth[2]) == {"toa": 1.0, "doa": 0.0, "doa_any": 1.0, "on_map": 0.0}
+
+
+def test_of_walls_equally_late_the_one_in_that_direction_is_matched():
+    pose = Pose(np.array([1.2, 1.2, 3.0]))
+    truth = true_echoes(ROOM, pose, RING)
+    late = (truth.toa[0] + truth.toa[2]) / 2
+    assert abs(truth.toa[0] - truth.toa[2]) * 22050 < 30
+    array = circular_array(offset=np.radians(225.0))  # as far from either wall
+    truth, silence = true_echoes(ROOM, pose, array), replace(SILENCE, array=array)
+    late = (truth.toa[0] + truth.toa[2]) / 2
+    estimates = np.array([[late, truth.azimuth[wall], np.pi / 2] for wall in (0, 2)])
+    np.testing.assert_array_equal(hits(estimates, ROOM, pose, silence)[:, :2], 1.0)
+
+
+def test_what_was_refused_misses():
+    assert set(judged(np.nan, np.nan, np.nan).values()) == {0.0}
+
+
+def test_chance_is_the_share_of_window_and_circle_around_walls():
+    truth, window = true_echoes(ROOM, POSE, RING), SearchWindow()
+    estimates = guess(replace(SILENCE, samples=np.zeros((400, 6, 1))), window, np.random.default_rng(0))
+    assert len(estimates) == 400 * GUESSES
+    found = hits(estimates, ROOM, POSE, SILENCE).mean(axis=0)
+    first, last = window.lags(RING, 22050.0, 343.0)
+    lags = np.linspace(first, last, 100_001)
+    near = (np.abs(lags[:, None] - truth.toa * 22050) < 5).any(axis=1).mean()
+    assert found[0] == pytest.approx(near, abs=0.01)
+    assert found[1] == pytest.approx(10 / 360, abs=0.005)
+    assert found[2] == pytest.approx(4 * 10 / 360, abs=0.01)
+
+
+def test_conditions_share_their_noise():
+    quiet, loud = (trials(snr_db=level).record().samples for level in (20.0, 0.0))
+    clean = trials(snr_db=100.0).record().samples
+    np.testing.assert_allclose((loud - clean) / 10.0, quiet - clean, rtol=2e-4, atol=1e-12)
+
+
+def test_a_dead_microphone_is_silent_and_the_joint_search_does_without_it():
+    heard = trials(fault="one_dead").record().samples
+    assert (heard.std(axis=-1) == 0).sum(axis=1).tolist() == [1, 1, 1, 1]
+    found = trials(fault="one_dead").judge([Joint(), Snls()], SearchWindow())
+    assert found.shape == (4, 3, 4)
+    assert found[:, 0, 0].tolist() == [1.0] * 4
+
+
+def test_a_dead_reference_makes_s_nls_miss_and_nothing_fail():
+    condition = Condition(ROOM, 20.0, None, Fault(dead=1))
+    places = (Trials(condition, SCENE, POSE, place, [0], 0) for place in range(100))
+    deaf = next(trial for trial in places if trial.record().samples[0, 0].std() == 0)
+    with pytest.raises(BadValue, match="microphone 1"):
+        Snls()(deaf.record())
+    assert deaf.judge([Snls()], SearchWindow())[0, 0].tolist() == [0.0] * 4
+
+
+def test_gains_and_displacements_have_their_size():
+    gains = trials(fault="gains_3dB", numbers=[0], snr_db=60.0).record().samples
+    plain = trials(numbers=[0], snr_db=60.0).record().samples
+    ratio_db = 20 * np.log10(gains.std(axis=-1) / plain.std(axis=-1))
+    assert 0.5 < ratio_db.std() < 8.0
+    moved = trials(fault="positions_5mm", numbers=[0], snr_db=60.0).record()
+    assert moved.array is RING
+    assert 0.05 < np.std(moved.samples - plain) / plain.std() < 1.5
+
+
+def test_the_noise_alone_has_its_density():
+    record = trials(snr_db=0.0).record()
+    clean = trials(snr_db=100.0).record()
+    power = (record.samples - clean.samples).var(axis=(0, 2))
+    np.testing.assert_allclose(record.noise_psd.mean(axis=-1), power, rtol=0.05)
