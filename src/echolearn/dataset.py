@@ -183,7 +183,8 @@ def _labels(spots: tuple[Spot, ...], echoes: Any, scene: Scene) -> dict[str, Arr
 class Dataset:
     """A finished set, read from memory-mapped shards whose checksums were verified on opening.
 
-    `dataset[name]` is a field of all rows, shape (B, ...).
+    `dataset[name]` is a field of all rows, shape (B, ...); `dataset.gather(name, rows)` of some. Shards are let go
+    after each look: their pages stay in the system's cache, but are no part of this process's memory.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -203,6 +204,7 @@ class Dataset:
             store.open_array(self.folder / name, size=entry["bytes"], sha256=entry["sha256"], mend=mend)
             for name, entry in files
         ]
+        self._ends = np.cumsum([len(shard) for shard in self._shards])
 
     def __len__(self) -> int:
         return int(self.manifest["rows"])
@@ -215,10 +217,36 @@ class Dataset:
         return joint_db(self["snr_db"], self["sdnr_db"])
 
     def __getitem__(self, name: str) -> Array:
-        known = self._shards[0].dtype.names or ()
-        if name not in known:
-            raise BadValue(f"column={name}: one of {', '.join(known)}; does the set come from an older version?")
-        return np.concatenate([shard[name] for shard in self._shards])
+        return self.gather(name, np.arange(len(self)))
+
+    def gather(self, name: str, rows: Array) -> Array:
+        """Return a field of some rows, in their order.
+
+        Args:
+            name: of the field.
+            rows: their numbers, shape (B,); each shard is visited once, whatever their order.
+
+        Returns:
+            Shape (B, ...).
+
+        Raises:
+            BadValue: the set has no such field.
+        """
+        known = self._shards[0].dtype
+        if name not in (known.names or ()):
+            raise BadValue(
+                f"column={name}: one of {', '.join(known.names or ())}; does the set come from an older version?"
+            )
+        found = np.empty((len(rows), *known[name].shape), dtype=known[name].base)
+        order = np.argsort(rows, kind="stable")
+        ordered = rows[order]
+        stops = np.searchsorted(ordered, self._ends)
+        for index in np.flatnonzero(np.diff(stops, prepend=0)):
+            start = stops[index - 1] if index else 0
+            here, first = order[start : stops[index]], self._ends[index] - len(self._shards[index])
+            found[here] = self._shards[index][name][ordered[start : stops[index]] - first]
+            store.let_go(self._shards[index])
+        return found
 
 
 def split(groups: Array, *, share: float, seed: int) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ The same input gives the same bytes: JSON has sorted keys and shortest floats, a
 import fcntl
 import hashlib
 import json
+import mmap
 import os
 import secrets
 from collections.abc import Callable, Iterable, Mapping
@@ -150,6 +151,13 @@ def open_array(path: Path, *, size: int, sha256: str, mend: str = MEND) -> Array
         return np.load(path, mmap_mode="r", allow_pickle=False)
     except ValueError as error:
         raise BadValue(f"{path}: not a plain array ({one_line(error)}); {mend}") from None
+
+
+def let_go(array: Array) -> None:
+    """Give the pages of a memory-mapped array back to the system, which keeps them cached; a later look maps anew."""
+    mapping = getattr(array, "_mmap", None)
+    if mapping is not None and hasattr(mmap, "MADV_DONTNEED"):
+        mapping.madvise(mmap.MADV_DONTNEED)
 
 
 def prove(path: Path, *, size: int, expected: str, mend: str = MEND) -> None:

@@ -7,11 +7,12 @@ Rows of one position never part. `split="row"` lets them, and shows what that le
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from echolearn.classify.inputs import COVARIANCE, as_input, view_of
+from echolearn.classify.inputs import COVARIANCE, Rows, rows_of, view_of
 from echolearn.dataset import Dataset, split
 from echolearn.types import Array, check, check_number, check_whole
 
@@ -57,11 +58,16 @@ class Task:
         about = {"plan": self.dataset.name, "data": self.dataset.digest}
         return about | {name: getattr(self, name) for name in names}
 
-    def inputs(self, names: Sequence[str]) -> Array:
-        """Return what a classifier with these inputs sees, float32: (B, K), or (B, bands, M * M)."""
+    def inputs(self, names: Sequence[str]) -> Rows:
+        """Return what a classifier with these inputs sees, (B, K) or (B, bands, M * M).
+
+        Columns are read now, a tensor stays in the set's shards until its rows are asked for.
+        """
+        numbers = np.arange(len(self.dataset))
         if view_of(names) == COVARIANCE:
-            return as_input(self.dataset[names[0]], names)
-        return as_input(np.stack([self.dataset[name] for name in names], axis=1), names)
+            self.dataset.gather(names[0], numbers[:0])  # fails now if there is no such tensor
+            return Rows(partial(self.dataset.gather, names[0]), numbers, names)
+        return rows_of(np.stack([self.dataset[name] for name in names], axis=1), names)
 
     def labels(self) -> Array:
         """Return the target of every row, shape (B,), bool."""

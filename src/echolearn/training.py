@@ -26,11 +26,11 @@ import numpy as np
 from echolearn import metrics, store
 from echolearn.classify import Classifier
 from echolearn.classify.calibration import Calibrated, calibrate
-from echolearn.classify.inputs import as_input
+from echolearn.classify.inputs import Rows, as_input
 from echolearn.task import Parts, Task
 from echolearn.types import Array, BadValue, check, check_name
 
-FORMAT = 1
+FORMAT = 2
 """Version of the run folder; part of every digest."""
 
 
@@ -106,6 +106,7 @@ def run(
     store.save_json(folder / "config.json", identity)
     fitted = fit(model, task, x, y, parts=parts, folder=folder)
     fitting = time.monotonic() - began
+    answers = {part: fitted.confidence(x.part(rows)) for part, rows in parts._asdict().items() if part != "train"}
     result = {
         "run": folder.name,
         "name": identity["name"],
@@ -117,33 +118,33 @@ def run(
         "calibration": {"slope": fitted.slope, "intercept": fitted.intercept},
         "grid_search": getattr(model, "cross_validation", None),
         "cross_validation": cross_validate(classifier, task, x, y, folds=identity["folds"], folder=folder),
-        "model": export(fitted, x[parts.test], folder),
-        "validation": judge(fitted, x[parts.validation], y[parts.validation]),
-        "test": judge(fitted, x[parts.test], y[parts.test]),
+        "model": export(fitted, x.part(parts.test), folder),
+        "validation": judge(y[parts.validation], answers["validation"], fitted.threshold),
+        "test": judge(y[parts.test], answers["test"], fitted.threshold),
     }
-    log(folder, identity, result, reference=y[parts.test], confidence=fitted.confidence(x[parts.test]))
+    log(folder, identity, result, reference=y[parts.test], confidence=answers["test"])
     seconds = {"fit": round(fitting, 3), "total": round(time.monotonic() - began, 3)}
     store.save_json(folder / "timing.json", seconds)
     say(result, seconds["total"])
     return store.finish(folder, result, ["config.json", "model.onnx"], last=store.METRICS)
 
 
-def fit(model: Classifier, task: Task, x: Array, y: Array, *, parts: Parts, folder: Path) -> Calibrated:
+def fit(model: Classifier, task: Task, x: Rows, y: Array, *, parts: Parts, folder: Path) -> Calibrated:
     """Fit `model` on the training rows of `parts`, calibrate it on the validation rows."""
     train, held = parts.train, parts.validation
-    validation, groups = (x[held], y[held]), task.groups()[train]
-    model.fit(x[train], y[train], groups=groups, validation=validation, folder=folder, seed=task.seed)
+    validation, groups = (x.part(held), y[held]), task.groups()[train]
+    model.fit(x.part(train), y[train], groups=groups, validation=validation, folder=folder, seed=task.seed)
     return calibrate(model, *validation)
 
 
-def judge(fitted: Calibrated, x: Array, y: Array) -> dict[str, float | None]:
+def judge(reference: Array, confidence: Array, threshold: float) -> dict[str, float | None]:
     """Return every metric of labels; those without a value are None."""
-    values = metrics.evaluate_labels(y, fitted.confidence(x), threshold=fitted.threshold)
+    values = metrics.evaluate_labels(reference, confidence, threshold=threshold)
     return {name: float(value) if math.isfinite(value) else None for name, value in values.items()}
 
 
 def cross_validate(
-    classifier: Callable[[], Classifier], task: Task, x: Array, y: Array, *, folds: int, folder: Path
+    classifier: Callable[[], Classifier], task: Task, x: Rows, y: Array, *, folds: int, folder: Path
 ) -> dict[str, Any] | None:
     """Return mean and standard deviation of each metric over the folds of `task`; None for no folds."""
     if not folds:
@@ -152,12 +153,12 @@ def cross_validate(
     for parts in task.folds(folds):
         with TemporaryDirectory(dir=folder) as place:
             fitted = fit(classifier(), task, x, y, parts=parts, folder=Path(place))
-        scores.append(judge(fitted, x[parts.test], y[parts.test]))
+        scores.append(judge(y[parts.test], fitted.confidence(x.part(parts.test)), fitted.threshold))
     table = {name: np.array([score[name] for score in scores], dtype=float) for name in scores[0]}
     return {name: {"mean": float(v.mean()), "sd": float(v.std(ddof=1))} for name, v in table.items()}
 
 
-def export(fitted: Calibrated, x: Array, folder: Path) -> dict[str, Any]:
+def export(fitted: Calibrated, x: Rows, folder: Path) -> dict[str, Any]:
     """Write `model.onnx`, proved on inputs `x` (B, ...), and return its SHA-256 and parity."""
     from echolearn.classify import onnx_model
 

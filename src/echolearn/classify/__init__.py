@@ -28,6 +28,7 @@ Three promises keep all classifiers exchangeable:
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
+from echolearn.classify.inputs import Inputs
 from echolearn.types import Array
 
 if TYPE_CHECKING:
@@ -48,12 +49,13 @@ class Classifier(Protocol):
         """Return "features" for columns, "covariance" for a tensor."""
 
     def fit(
-        self, x: Array, y: Array, *, groups: Array, validation: tuple[Array, Array], folder: Path, seed: int
+        self, x: Inputs, y: Array, *, groups: Array, validation: tuple[Inputs, Array], folder: Path, seed: int
     ) -> Self:
         """Learn from labelled observations.
 
         Args:
-            x: columns, shape (B, K), or tensors, shape (B, bands, M * M).
+            x: columns, shape (B, K), or tensors, shape (B, bands, M * M); rows that are fetched when asked for, or an
+                array (`as_input` turns either into an array).
             y: True for a reflector, shape (B,).
             groups: id of the position each row was observed from, shape (B,); rows of one position never part.
             validation: x and y of positions that are not in `groups`, for early stopping.
@@ -61,7 +63,7 @@ class Classifier(Protocol):
             seed: of everything random.
         """
 
-    def decision(self, x: Array) -> Array:
+    def decision(self, x: Inputs) -> Array:
         """Return the belief in a reflector, shape (B,), float64, on the classifier's own scale."""
 
     def scorer(self) -> "torch.nn.Module":

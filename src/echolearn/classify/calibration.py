@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from echolearn.classify import Classifier
+from echolearn.classify.inputs import Inputs
 from echolearn.types import Array
 
 SMALLEST_SLOPE = 1e-3
@@ -27,13 +28,13 @@ class Calibrated:
     intercept: float
     threshold: float
 
-    def confidence(self, x: Array) -> Array:
+    def confidence(self, x: Inputs) -> Array:
         """Return the belief in a reflector, 0 to 1, shape (B,)."""
         belief: Array = expit(self.slope * self.classifier.decision(x) + self.intercept)
         return belief
 
 
-def calibrate(classifier: Classifier, x: Array, y: Array) -> Calibrated:
+def calibrate(classifier: Classifier, x: Inputs, y: Array) -> Calibrated:
     """Return a fitted classifier with the calibration and the threshold that `x` and `y` (B,) call for."""
     decision = classifier.decision(x)
     slope, intercept = platt(decision, y)

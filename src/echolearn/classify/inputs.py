@@ -1,6 +1,12 @@
-"""What classifiers are fed: names of columns or of one tensor, and finite float32 arrays."""
+"""What classifiers are fed: names of columns or of one tensor, and finite float32 arrays.
 
-from collections.abc import Sequence
+Columns fit into any memory, tensors do not: 100 000 covariances are as many pages of shards on disk. `Rows` stand
+for an array whose rows are fetched when they are asked for. Whoever needs the whole array says `as_input(x, inputs)`.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -46,12 +52,69 @@ def check_inputs(inputs: Sequence[str], *, views: Sequence[str] = (FEATURES,)) -
     return names
 
 
-def as_input(x: Array, inputs: Sequence[str]) -> Array:
+@dataclass(frozen=True)
+class Rows:
+    """Some rows of a set's inputs, left where they are until they are asked for.
+
+    `rows[which]` is an array, float32 and finite, shape (len(which), ...), for a slice or indices; `rows.part(which)`
+    are fewer rows that still lie where they lay; `np.asarray(rows)` is all of them.
+
+    Attributes:
+        gather: returns rows by their numbers in the set, in that order.
+        numbers: of these rows in the set, shape (B,).
+        inputs: the names of what a row holds.
+    """
+
+    gather: Callable[[Array], Array]
+    numbers: Array
+    inputs: Sequence[str]
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Return the shape of the array these rows would be."""
+        return (len(self), *self.gather(self.numbers[:0]).shape[1:])
+
+    def part(self, which: Array) -> "Rows":
+        """Return the rows at indices `which` of these."""
+        return Rows(self.gather, self.numbers[which], self.inputs)
+
+    def __getitem__(self, which: slice | Array) -> Array:
+        numbers = self.numbers[which]
+        return as_input(self.gather(numbers), self.inputs, numbers=numbers)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return np.asarray(self[:], dtype=dtype)
+
+
+Inputs = Array | Rows
+"""What a classifier is given: (B, K) columns or (B, bands, M * M) tensors."""
+
+
+def rows_of(x: Inputs, inputs: Sequence[str]) -> Rows:
+    """Return `x` as rows; an array is checked at once (`as_input`)."""
+    if isinstance(x, Rows):
+        return x
+    whole = as_input(x, inputs)
+    return Rows(whole.__getitem__, np.arange(len(whole)), inputs)
+
+
+def blocks(x: Inputs, inputs: Sequence[str], *, size: int = 4096) -> Iterator[Array]:
+    """Yield `x` as arrays of at most `size` rows, and one without rows if there are none."""
+    rows = rows_of(x, inputs)
+    for start in range(0, max(1, len(rows)), size):
+        yield rows[start : start + size]
+
+
+def as_input(x: Inputs, inputs: Sequence[str], *, numbers: Array | None = None) -> Array:
     """Return `x` as a contiguous float32 array, the precision that every scorer sees.
 
     Args:
         x: shape (B, K) for K columns, (B, bands, M * M) for a tensor.
         inputs: the names of what `x` holds.
+        numbers: of the rows, shape (B,), for the message; as they follow each other if None.
 
     Raises:
         BadValue: the wrong shape, or a value that is not finite in float32.
@@ -65,8 +128,8 @@ def as_input(x: Array, inputs: Sequence[str]) -> Array:
         x = np.ascontiguousarray(x, dtype=np.float32)
     if not np.isfinite(x).all():
         place = np.argwhere(~np.isfinite(x))[0]
-        name = inputs[0] if covariance else inputs[place[1]]
-        raise BadValue(f"{name}={x[tuple(place)]} in row {place[0]}: finite numbers; was a silent recording analysed?")
+        name, row = inputs[0] if covariance else inputs[place[1]], place[0] if numbers is None else numbers[place[0]]
+        raise BadValue(f"{name}={x[tuple(place)]} in row {row}: finite numbers; was a silent recording analysed?")
     return x
 
 

@@ -4,11 +4,17 @@ The loss is the cross-entropy of the logit, the optimiser AdamW. After each epoc
 training stops when it has not fallen for `patience` epochs, and the best epoch's weights are put back. The run
 folder receives `best.ckpt`, `metrics.csv` and TensorBoard events.
 
-All data lie in memory as whole tensors and a batch is an index into them: at these sizes workers and collation
-would cost more than the arithmetic. One thread; two runs side by side use two cores.
+Standardised inputs of at most `IN_MEMORY` bytes lie in memory as one tensor and a batch is an index into it: at these
+sizes workers and collation would cost more than the arithmetic. Of larger sets each batch is gathered from the shards
+and standardised when its turn comes, so memory does not grow with the number of rows; the batches are the same to the
+last bit. One thread; two runs side by side use two cores.
+
+What Lightning calls a step is here a whole epoch, and the loop over batches stands in `Training.training_step`: with
+batches of less than a millisecond its hooks around every step would take most of the time.
 """
 
 import logging
+import math
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,13 +27,30 @@ import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
+from lightning.pytorch.core.optimizer import LightningOptimizer
 from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger
 from torch import nn
 
-from echolearn.classify.inputs import COVARIANCE, FEATURES, as_input, check_inputs, check_labels, view_of
+from echolearn.classify.inputs import (
+    COVARIANCE,
+    FEATURES,
+    Inputs,
+    Rows,
+    blocks,
+    check_inputs,
+    check_labels,
+    rows_of,
+    view_of,
+)
 from echolearn.classify.standardise import Standardise
 from echolearn.store import write_atomic
 from echolearn.types import Array, check, check_number, check_whole
+
+BLOCK = 4096
+"""Rows judged at once."""
+
+IN_MEMORY = 64 * 2**20
+"""Bytes of standardised training or validation inputs above which batches are gathered from the shards."""
 
 
 @dataclass
@@ -76,21 +99,29 @@ class Network:
         return view_of(self.inputs)
 
     def fit(
-        self, x: Array, y: Array, *, groups: Array, validation: tuple[Array, Array], folder: Path, seed: int
+        self,
+        x: Inputs,
+        y: Array,
+        *,
+        groups: Array,
+        validation: tuple[Inputs, Array],
+        folder: Path,
+        seed: int,
     ) -> Self:
         """Train, keep the best epoch; see `Classifier.fit`."""
-        x = as_input(x, self.inputs)
-        y = check_labels(y, len(x))
-        standardise = Standardise(x)
-        held, truth = as_input(validation[0], self.inputs), np.asarray(validation[1])
+        rows, held = rows_of(x, self.inputs), rows_of(validation[0], self.inputs)
+        y = check_labels(y, len(rows))
+        standardise = Standardise(rows)
         with seeded(seed), quiet():
-            training = Training(self.net(x.shape[1:]), lr=self.lr, weight_decay=self.weight_decay, noise=self.noise)
+            net = self.net(rows.shape[1:])
+            training = Training(net, lr=self.lr, weight_decay=self.weight_decay, noise=self.noise)
             best = ModelCheckpoint(
                 folder, "best", monitor="val/loss", save_weights_only=True, enable_version_counter=False
             )
             trainer = self.trainer(folder, [EarlyStopping("val/loss", patience=self.patience), best])
-            batches = Batches(tensors(standardise, x, y), size=self.batch_size, seed=seed)
-            trainer.fit(training, batches, Batches(tensors(standardise, held, truth), size=4096))
+            batches = Batches(source(standardise, rows), tensor(y), size=self.batch_size, seed=seed)
+            blocks = Batches(source(standardise, held), tensor(validation[1]), size=BLOCK)
+            trainer.fit(training, Once(batches), Once(blocks))
             state = torch.load(best.best_model_path, weights_only=True)["state_dict"]
         training.load_state_dict(state)
         self.fitted = nn.Sequential(standardise, training.net).eval()
@@ -111,11 +142,11 @@ class Network:
             enable_model_summary=False,
         )
 
-    def decision(self, x: Array) -> Array:
+    def decision(self, x: Inputs) -> Array:
         """Return the logit, shape (B,)."""
-        blocks = torch.from_numpy(as_input(x, self.inputs)).split(4096)
         with torch.no_grad():
-            return torch.cat([self.fitted(block) for block in blocks]).double().numpy()
+            logits = [self.fitted(torch.from_numpy(block)) for block in blocks(x, self.inputs)]
+        return torch.cat(logits).double().numpy()
 
     def scorer(self) -> nn.Module:
         """Return scaler and network as one torch module."""
@@ -123,25 +154,32 @@ class Network:
 
 
 class Training(LightningModule):
-    """The network with its loss and optimiser."""
+    """The network with its loss and optimiser; a step is an epoch."""
 
     def __init__(self, net: nn.Module, *, lr: float, weight_decay: float, noise: float) -> None:
         super().__init__()
         self.net, self.lr, self.weight_decay, self.noise = net, lr, weight_decay, noise
         self.loss = nn.BCEWithLogitsLoss()
+        self.automatic_optimization = False
 
-    def training_step(self, batch: tuple[torch.Tensor, torch.Tensor], _index: int) -> torch.Tensor:
-        """Return the loss of one batch."""
-        x, y = batch
-        x = x + self.noise * torch.randn_like(x) if self.noise else x
-        loss: torch.Tensor = self.loss(self.net(x), y)
-        self.log("train/loss", loss, on_step=False, on_epoch=True, batch_size=len(y))
-        return loss
+    def training_step(self, batches: "Batches", _index: int) -> None:
+        """Pass over all batches and log their mean loss."""
+        optimizer = self.optimizers()
+        assert isinstance(optimizer, LightningOptimizer)
+        total = torch.zeros(())
+        for x, y in batches:
+            x = x + self.noise * torch.randn_like(x) if self.noise else x
+            loss: torch.Tensor = self.loss(self.net(x), y)
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            total += loss.detach() * len(y)
+        self.log("train/loss", total / batches.rows, on_step=False, on_epoch=True, batch_size=1)
 
-    def validation_step(self, batch: tuple[torch.Tensor, torch.Tensor], _index: int) -> None:
-        """Log the loss on unseen positions."""
-        x, y = batch
-        self.log("val/loss", self.loss(self.net(x), y), batch_size=len(y))
+    def validation_step(self, batches: "Batches", _index: int) -> None:
+        """Log the mean loss on unseen positions."""
+        total = sum((self.loss(self.net(x), y) * len(y) for x, y in batches), torch.zeros(()))
+        self.log("val/loss", total / batches.rows, batch_size=1)
 
     def on_train_epoch_start(self) -> None:
         """Bring the last epoch's figures to disk."""
@@ -154,22 +192,50 @@ class Training(LightningModule):
 
 
 class Batches:
-    """Equal parts of whole tensors, reshuffled at each pass if there is a seed."""
+    """Inputs and labels in equal parts, reshuffled at each pass if there is a seed."""
 
-    def __init__(self, data: tuple[torch.Tensor, torch.Tensor], *, size: int, seed: int | None = None) -> None:
-        self.x, self.y = data
-        self.count = max(1, round(len(self.x) / size))
+    def __init__(self, source: "Source", y: torch.Tensor, *, size: int, seed: int | None = None) -> None:
+        self.source, self.y, self.rows = source, y, len(y)
+        self.count = max(1, round(self.rows / size))
         self.generator = None if seed is None else torch.Generator().manual_seed(seed)
 
-    def __len__(self) -> int:
-        return self.count
-
     def __iter__(self) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        if self.generator is None:
-            yield from zip(self.x.tensor_split(self.count), self.y.tensor_split(self.count), strict=True)
-            return
-        for rows in torch.randperm(len(self.x), generator=self.generator).tensor_split(self.count):
-            yield self.x[rows], self.y[rows]
+        shuffled = self.generator is not None
+        order = torch.randperm(self.rows, generator=self.generator) if shuffled else torch.arange(self.rows)
+        for rows in order.tensor_split(self.count):
+            yield self.source(rows), self.y[rows]
+
+
+@dataclass(frozen=True)
+class Once:
+    """A loader of one item, all batches of an epoch: Lightning takes one step through it."""
+
+    batches: Batches
+
+    def __len__(self) -> int:
+        return 1
+
+    def __iter__(self) -> Iterator[Batches]:
+        yield self.batches
+
+
+Source = Callable[[torch.Tensor], torch.Tensor]
+"""From indices (B,) to standardised inputs (B, ...)."""
+
+
+def source(standardise: Standardise, rows: Rows) -> Source:
+    """Return where batches come from: one tensor if it is small enough, else the shards."""
+    if 4 * math.prod(rows.shape) > IN_MEMORY:
+        return lambda indices: standardise(torch.from_numpy(rows[indices.numpy()]))
+    whole = torch.empty(rows.shape)
+    for start, block in enumerate(blocks(rows, rows.inputs, size=BLOCK)):
+        whole[start * BLOCK : (start + 1) * BLOCK] = standardise(torch.from_numpy(block))
+    return whole.__getitem__
+
+
+def tensor(y: Array) -> torch.Tensor:
+    """Return labels as float32."""
+    return torch.from_numpy(np.asarray(y).astype(np.float32))
 
 
 class StagedCheckpoints(TorchCheckpointIO):
@@ -181,12 +247,6 @@ class StagedCheckpoints(TorchCheckpointIO):
     def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None) -> None:
         """Write `checkpoint` to `path` in one step."""
         write_atomic(Path(path), lambda file: torch.save(checkpoint, file))
-
-
-def tensors(standardise: Standardise, x: Array, y: Array) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return standardised inputs and labels as float32 tensors."""
-    blocks = torch.from_numpy(x).split(4096)
-    return torch.cat([standardise(block) for block in blocks]), torch.from_numpy(y.astype(np.float32))
 
 
 @contextmanager

@@ -2,8 +2,9 @@
 
     x (B, ...) float32 -> scorer -> d -> sigmoid(a d + b) -> confidence (B,) float64
 
-The graph is exported by torch.export with a free batch axis and stripped of what torch notes about the source code
-it came from, so equal classifiers give equal bytes wherever they were trained.
+torch.export captures the scorer with a free batch axis, `onnx_graph` writes it down; a scorer that holds an operator
+unknown there goes through torch's general exporter, twenty times slower, and is stripped of what torch notes about the
+source code it came from. Either way equal classifiers give equal bytes wherever they were trained.
 """
 
 import logging
@@ -17,6 +18,8 @@ import onnxruntime
 import torch
 
 from echolearn.classify.calibration import Calibrated
+from echolearn.classify.inputs import Inputs, blocks
+from echolearn.classify.onnx_graph import Unknown, translate
 from echolearn.types import Array
 
 PARITY = 1e-5
@@ -41,7 +44,7 @@ class Confidence(torch.nn.Module):
         return torch.sigmoid(decision.double() * self.get_buffer("slope") + self.get_buffer("intercept"))
 
 
-def export(fitted: Calibrated, x: Array) -> tuple[bytes, float]:
+def export(fitted: Calibrated, x: Inputs) -> tuple[bytes, float]:
     """Return a classifier as an ONNX file, after proving that onnxruntime computes its confidences.
 
     Args:
@@ -55,8 +58,8 @@ def export(fitted: Calibrated, x: Array) -> tuple[bytes, float]:
         RuntimeError: the difference exceeds 1e-5.
     """
     data = to_onnx(Confidence(fitted.classifier.scorer(), fitted.slope, fitted.intercept), shape=x.shape[1:])
-    probes = np.concatenate([x, extremes(x)])
-    parity = float(np.abs(open_onnx(data)(probes) - fitted.confidence(probes)).max())
+    score, names = open_onnx(data), fitted.classifier.inputs
+    parity = max(difference(score, fitted, block) for block in (*blocks(x, names, size=BLOCK), extremes(x)))
     if not parity <= PARITY:
         raise RuntimeError(
             f"onnx: exported confidences differ by {parity:g} from the classifier's, more than {PARITY:g}"
@@ -64,7 +67,12 @@ def export(fitted: Calibrated, x: Array) -> tuple[bytes, float]:
     return data, parity
 
 
-def extremes(x: Array) -> Array:
+def difference(score: Callable[[Array], Array], fitted: Calibrated, x: Array) -> float:
+    """Return the largest difference between two confidences on `x` (B, ...), NaN if either is."""
+    return float(np.abs(score(x) - fitted.confidence(x)).max(initial=0.0))
+
+
+def extremes(x: Inputs) -> Array:
     """Return what no recording would give: rows of `x` scaled and turned by many orders, zeros, the largest floats."""
     rng = np.random.default_rng(0)
     some = x[rng.integers(len(x), size=64)]
@@ -75,23 +83,26 @@ def extremes(x: Array) -> Array:
 
 def to_onnx(module: torch.nn.Module, *, shape: tuple[int, ...]) -> bytes:
     """Return the ONNX file of a module from float32 (B, *shape), input "x", to (B,), output "confidence"."""
-    batch = {0: torch.export.Dim("batch")}
     with quiet_export():
-        program = torch.onnx.export(
-            module.eval(),
-            (torch.zeros((3, *shape)),),
-            input_names=["x"],
-            output_names=["confidence"],
-            dynamic_shapes=(batch,),
-            dynamo=True,
-            external_data=False,
-            verbose=False,
-        )
-    if program is None:
-        raise RuntimeError("onnx: torch returned no program")
-    model = program.model_proto
-    strip(model)
+        batch = {0: torch.export.Dim("batch")}
+        program = torch.export.export(module.eval(), (torch.zeros((3, *shape)),), dynamic_shapes=(batch,))
+        try:
+            model = translate(program)
+        except Unknown:
+            model = translate_any(program)
     return bytes(model.SerializeToString(deterministic=True))
+
+
+def translate_any(program: torch.export.ExportedProgram) -> Any:
+    """Return the ONNX model of any program that torch can export."""
+    exported = torch.onnx.export(
+        program, input_names=["x"], output_names=["confidence"], dynamo=True, external_data=False, verbose=False
+    )
+    if exported is None:
+        raise RuntimeError("onnx: torch returned no program")
+    model = exported.model_proto
+    strip(model)
+    return model
 
 
 @contextmanager

@@ -11,7 +11,7 @@ Clipping also bounds what a network is asked to extrapolate to in a room it has 
 import numpy as np
 import torch
 
-from echolearn.types import Array
+from echolearn.classify.inputs import Inputs
 
 TAIL = 0.005
 """Share of the training values clipped on either side."""
@@ -20,7 +20,7 @@ TAIL = 0.005
 class Standardise(torch.nn.Module):
     """The map x -> z, entry by entry, computed in float64 and returned in float32."""
 
-    def __init__(self, x: Array, rows: int = 4000) -> None:
+    def __init__(self, x: Inputs, rows: int = 4000) -> None:
         """Learn the constants.
 
         Args:

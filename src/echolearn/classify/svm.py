@@ -19,7 +19,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from echolearn.classify.inputs import FEATURES, as_input, check_inputs, check_labels
+from echolearn.classify.inputs import FEATURES, Inputs, as_input, check_inputs, check_labels
 from echolearn.types import Array, check, check_number, check_whole
 
 
@@ -64,7 +64,7 @@ class Svm:
         return FEATURES
 
     def fit(
-        self, x: Array, y: Array, *, groups: Array, validation: tuple[Array, Array], folder: Path, seed: int
+        self, x: Inputs, y: Array, *, groups: Array, validation: tuple[Inputs, Array], folder: Path, seed: int
     ) -> Self:
         """Choose C and gamma, then fit on all rows; see `Classifier.fit`."""
         x = as_input(x, self.inputs).astype(float)
@@ -98,7 +98,7 @@ class Svm:
             "gamma": float(search.best_params_["svm__gamma"]),
         }
 
-    def decision(self, x: Array) -> Array:
+    def decision(self, x: Inputs) -> Array:
         """Return the signed margin, shape (B,)."""
         margin: Array = self.pipeline.decision_function(as_input(x, self.inputs).astype(float))
         return margin

@@ -12,7 +12,7 @@ from typing import Self
 import torch
 from scipy.stats import rankdata
 
-from echolearn.classify.inputs import FEATURES, as_input, check_inputs, check_labels
+from echolearn.classify.inputs import FEATURES, Inputs, as_input, check_inputs, check_labels
 from echolearn.types import Array, check
 
 
@@ -38,7 +38,7 @@ class Threshold:
         return FEATURES
 
     def fit(
-        self, x: Array, y: Array, *, groups: Array, validation: tuple[Array, Array], folder: Path, seed: int
+        self, x: Inputs, y: Array, *, groups: Array, validation: tuple[Inputs, Array], folder: Path, seed: int
     ) -> Self:
         """Learn scale and sign; see `Classifier.fit`."""
         column = as_input(x, self.inputs)[:, 0].astype(float)
@@ -49,7 +49,7 @@ class Threshold:
         self.slope = sign / (float(column.std()) or 1.0)
         return self
 
-    def decision(self, x: Array) -> Array:
+    def decision(self, x: Inputs) -> Array:
         """Return the standardised column, shape (B,)."""
         column: Array = as_input(x, self.inputs)[:, 0].astype(float)
         return (column - self.mean) * self.slope

@@ -15,7 +15,7 @@ import torch
 from sklearn.ensemble import HistGradientBoostingClassifier
 from torch.nn.functional import embedding
 
-from echolearn.classify.inputs import FEATURES, as_input, check_inputs, check_labels
+from echolearn.classify.inputs import FEATURES, Inputs, as_input, check_inputs, check_labels
 from echolearn.types import Array, check_number, check_whole
 
 
@@ -60,7 +60,7 @@ class Trees:
         return FEATURES
 
     def fit(
-        self, x: Array, y: Array, *, groups: Array, validation: tuple[Array, Array], folder: Path, seed: int
+        self, x: Inputs, y: Array, *, groups: Array, validation: tuple[Inputs, Array], folder: Path, seed: int
     ) -> Self:
         """Add trees until the validation loss stops falling; see `Classifier.fit`."""
         x = as_input(x, self.inputs).astype(float)
@@ -79,7 +79,7 @@ class Trees:
         self.model.fit(x, check_labels(y, len(x)), X_val=x_validation, y_val=y_validation.astype(bool))
         return self
 
-    def decision(self, x: Array) -> Array:
+    def decision(self, x: Inputs) -> Array:
         """Return the logit, shape (B,)."""
         logit: Array = self.model.decision_function(as_input(x, self.inputs).astype(float))
         return logit
