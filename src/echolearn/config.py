@@ -120,7 +120,7 @@ def compose(
     jobs: list[tuple[str, Any]] = []
     try:
         with initialize_config_dir(version_base="1.3", config_dir=str(folder())):
-            join = cache(partial(_join, command))
+            join = partial(_join, command)
             for name, job, choosing, values in _expand(words, many=many):
                 config = _configure(join, choosing, values)
                 plain: Any = OmegaConf.to_container(config, resolve=resolve, throw_on_missing=resolve)
@@ -198,6 +198,7 @@ def _set(config: "DictConfig", override: "Override", known: Sequence[str]) -> No
     OmegaConf.update(config, key, override.value(), merge=True, force_add=True)
 
 
+@cache
 def _join(command: str, *words: str) -> "DictConfig":
     """Let Hydra join a command's files as `words` choose; `choice` holds the name of each chosen file."""
     from hydra import compose as join

@@ -5,6 +5,10 @@
 C and gamma are those with the best cross-validated area under the ROC curve on a grid. Folds are disjoint in
 positions: neighbouring rows of one position in two folds would reward memory. The paper says five folds and leaves
 the grid open; scikit-learn (libsvm) does the fitting, and the scorer writes out the sum above.
+
+A fit costs between the square and the cube of its rows. So the search looks at `search_rows` only, and computes the
+distances |z_i - z_j|^2 of a fold once for the whole grid; beyond `fit_rows` the fit takes a random part of the
+positions. Both numbers stand in the run's metrics.
 """
 
 from collections.abc import Sequence
@@ -14,10 +18,13 @@ from typing import Any, Self
 
 import numpy as np
 import torch
-from sklearn.model_selection import GridSearchCV, StratifiedGroupKFold
+from scipy.spatial.distance import cdist
+from sklearn.metrics import roc_auc_score
+from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
+from sklearn.utils.parallel import Parallel, delayed
 
 from echolearn.classify.inputs import FEATURES, Inputs, as_input, check_inputs, check_labels
 from echolearn.types import Array, check, check_number, check_whole
@@ -32,10 +39,11 @@ class Svm:
         c_grid: candidates for C, the price of a training error.
         gamma_grid: candidates for gamma, per squared standard deviation.
         folds: of the cross-validation that chooses among them.
-        search_rows: the search looks at no more rows than this (whole positions, drawn at random); the final fit
-            takes all. Its cost grows with the cube of the rows, its verdict hardly changes.
+        search_rows: the search looks at about this many rows at most, whole positions drawn at random.
+        fit_rows: the same for the final fit; positions of the search are among them.
         n_jobs: processes of the search.
-        cross_validation: after `fit`, mean and standard deviation over folds of the chosen pair's AUC, C, gamma.
+        cross_validation: after `fit`, mean and standard deviation over folds of the chosen pair's AUC, C, gamma, and
+            the rows that search and fit have seen.
     """
 
     inputs: tuple[str, ...]
@@ -43,6 +51,7 @@ class Svm:
     gamma_grid: Sequence[float] = (0.01, 0.1, 1.0, 10.0, 100.0)
     folds: int = 5
     search_rows: int = 2000
+    fit_rows: int = 10_000
     n_jobs: int = 1
     cross_validation: dict[str, float] = field(init=False, repr=False)
     pipeline: Pipeline = field(init=False, repr=False)
@@ -55,7 +64,8 @@ class Svm:
             for value in grid:
                 check_number(f"classifier.{name}", value, low=1e-6, high=1e6)
         check_whole("classifier.folds", self.folds, low=2, high=20)
-        check_whole("classifier.search_rows", self.search_rows, low=50)
+        check_whole("classifier.search_rows", self.search_rows, low=50, high=10_000)
+        check_whole("classifier.fit_rows", self.fit_rows, low=50, high=1_000_000)
         check_whole("classifier.n_jobs", self.n_jobs, low=1, high=256)
 
     @property
@@ -66,13 +76,14 @@ class Svm:
     def fit(
         self, x: Inputs, y: Array, *, groups: Array, validation: tuple[Inputs, Array], folder: Path, seed: int
     ) -> Self:
-        """Choose C and gamma, then fit on all rows; see `Classifier.fit`."""
-        x = as_input(x, self.inputs).astype(float)
+        """Choose C and gamma, then fit; see `Classifier.fit`."""
+        x, groups = as_input(x, self.inputs).astype(float), np.asarray(groups)
         y = check_labels(y, len(x))
-        rows = some_positions(np.asarray(groups), self.search_rows, seed)
-        self.cross_validation = self.search(x[rows], y[rows], np.asarray(groups)[rows], seed)
-        chosen = {"svm__C": self.cross_validation["c"], "svm__gamma": self.cross_validation["gamma"]}
-        self.pipeline = machine().set_params(**chosen).fit(x, y)
+        seen, rows = (some_positions(groups, count, seed) for count in (self.search_rows, self.fit_rows))
+        check_labels(y[rows], len(rows))
+        found = self.search(x[seen], y[seen], groups[seen], seed)
+        self.cross_validation = found | {"search_rows": len(seen), "fit_rows": len(rows)}
+        self.pipeline = machine(C=found["c"], gamma=found["gamma"]).fit(x[rows], y[rows])
         return self
 
     def search(self, x: Array, y: Array, groups: Array, seed: int) -> dict[str, float]:
@@ -81,21 +92,15 @@ class Svm:
         check(
             fewest >= 2, "positions", fewest, allowed="at least 2 of each class to cross-validate", hint="use more rows"
         )
-        search = GridSearchCV(
-            machine(),
-            {"svm__C": list(self.c_grid), "svm__gamma": list(self.gamma_grid)},
-            scoring="roc_auc",
-            cv=StratifiedGroupKFold(min(self.folds, fewest), shuffle=True, random_state=seed),
-            n_jobs=self.n_jobs,
-            refit=False,
-            error_score="raise",
-        ).fit(x, y, groups=groups)
-        best = search.best_index_
+        folds = StratifiedGroupKFold(min(self.folds, fewest), shuffle=True, random_state=seed).split(x, y, groups)
+        jobs = (delayed(fold_scores)(x, y, rows, self.c_grid, self.gamma_grid) for rows in folds)
+        scores = np.array(Parallel(self.n_jobs)(jobs))
+        best = np.unravel_index(scores.mean(axis=0).argmax(), scores.shape[1:])
         return {
-            "auc": float(search.cv_results_["mean_test_score"][best]),
-            "auc_sd": float(search.cv_results_["std_test_score"][best]),
-            "c": float(search.best_params_["svm__C"]),
-            "gamma": float(search.best_params_["svm__gamma"]),
+            "auc": float(scores.mean(axis=0)[best]),
+            "auc_sd": float(scores.std(axis=0)[best]),
+            "c": float(self.c_grid[best[0]]),
+            "gamma": float(self.gamma_grid[best[1]]),
         }
 
     def decision(self, x: Inputs) -> Array:
@@ -108,9 +113,33 @@ class Svm:
         return KernelSum(self.pipeline["scaler"], self.pipeline["svm"])
 
 
-def machine() -> Pipeline:
+def machine(**settings: Any) -> Pipeline:
     """Return an unfitted scaler and SVM."""
-    return Pipeline([("scaler", StandardScaler()), ("svm", SVC(kernel="rbf", cache_size=200))])
+    return Pipeline([("scaler", StandardScaler()), ("svm", SVC(kernel="rbf", cache_size=200, **settings))])
+
+
+def fold_scores(
+    x: Array, y: Array, rows: tuple[Array, Array], c_grid: Sequence[float], gamma_grid: Sequence[float]
+) -> Array:
+    """Return the area under the ROC curve for every pair of the grid, shape (C, gammas), in one fold.
+
+    Args:
+        x: columns, shape (B, K).
+        y: True for a reflector, shape (B,).
+        rows: to fit on, and to judge on.
+        c_grid: candidates for C.
+        gamma_grid: candidates for gamma.
+    """
+    scaler = StandardScaler().fit(x[rows[0]])
+    known, held = (scaler.transform(x[part]) for part in rows)
+    near, far = cdist(known, known, "sqeuclidean"), cdist(held, known, "sqeuclidean")
+    scores = np.empty((len(c_grid), len(gamma_grid)))
+    for column, gamma in enumerate(gamma_grid):
+        kernel, other = np.exp(-gamma * near), np.exp(-gamma * far)
+        for row, c in enumerate(c_grid):
+            svm = SVC(kernel="precomputed", C=c, cache_size=200).fit(kernel, y[rows[0]])
+            scores[row, column] = roc_auc_score(y[rows[1]], other[:, svm.support_] @ svm.dual_coef_[0])
+    return scores
 
 
 def some_positions(groups: Array, rows: int, seed: int) -> Array:
