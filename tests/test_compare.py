@@ -223,7 +223,7 @@ def test_other_inputs_are_judged_anew(world: World, compared: Path, tmp_path: Pa
     shutil.rmtree(next((tmp_path / "train").glob("svm_pair-scattered-s1-*")))
     shutil.copytree(compared, tmp_path / "compare" / "small")
     readme = tmp_path / "README.md"
-    readme.write_text(f"before\n{report.BEGIN}\n{report.END}\nafter\n")
+    readme.write_text(f"before\n{report.RESULTS.begin}\n{report.RESULTS.end}\nafter\n")
     changed = world.arguments | {"tested": ["offgrid_hall"], "surveys": [], "runs": tmp_path}
     command = "echolearn compare 'surveys=[]'"
     folder = compare(name="small", readme=readme, command=command, **changed)
@@ -237,7 +237,7 @@ def test_other_inputs_are_judged_anew(world: World, compared: Path, tmp_path: Pa
         "results.csv", "tests.csv", "report.html", "table.md",
         "figures/arrival_times.svg", "figures/bands.svg", "figures/belief.svg",
     }  # fmt: skip
-    assert readme.read_text() == f"before\n{report.BEGIN}\n{(folder / 'table.md').read_text()}\n{report.END}\nafter\n"
+    assert readme.read_text() == f"before\n{report.RESULTS.begin}\n{(folder / 'table.md').read_text()}\n{report.RESULTS.end}\nafter\n"
 
 
 INPUTS = "runs sets surveys localizers resamples report".split()

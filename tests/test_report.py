@@ -13,6 +13,7 @@ import pytest
 from echolearn import report, tables
 from echolearn.tables import Comparison, pick
 from echolearn.trained import answer_map
+from echolearn.markers import around
 from echolearn.types import BadValue
 
 NAN = float("nan")
@@ -294,10 +295,10 @@ def test_the_table_and_the_reports_path_are_printed(finished: Path, capsys: pyte
 def test_a_readme_gets_the_table_between_its_markers_and_the_map(finished: Path, tmp_path: Path) -> None:
     readme, table = tmp_path / "README.md", (finished / "table.md").read_text()
     before, after = "# Title\n\n<!-- another -->\r\n", "\n\n## Mehr über\n"
-    readme.write_bytes(f"{before}{report.BEGIN}\nold\n{report.END}{after}".encode())
+    readme.write_bytes(f"{before}{report.RESULTS.begin}\nold\n{report.RESULTS.end}{after}".encode())
     report.show(finished, readme=readme)
     once = readme.read_bytes()
-    assert once == f"{before}{report.BEGIN}\n{table}\n{report.END}{after}".encode()
+    assert once == f"{before}{report.RESULTS.begin}\n{table}\n{report.RESULTS.end}{after}".encode()
     assert (tmp_path / "docs" / "before_after.svg").read_bytes() == (finished / "figures/maps_first.svg").read_bytes()
     report.show(finished, readme=readme)
     assert readme.read_bytes() == once
@@ -305,7 +306,7 @@ def test_a_readme_gets_the_table_between_its_markers_and_the_map(finished: Path,
 
 def test_without_maps_the_readmes_picture_stays(finished: Path, tmp_path: Path) -> None:
     (finished / "figures" / "maps_first.svg").unlink()
-    (tmp_path / "README.md").write_text(f"{report.BEGIN}{report.END}")
+    (tmp_path / "README.md").write_text(f"{report.RESULTS.begin}{report.RESULTS.end}")
     report.show(finished, readme=tmp_path / "README.md")
     assert not (tmp_path / "docs").exists()
     assert "| classifier |" in (tmp_path / "README.md").read_text()
@@ -313,7 +314,7 @@ def test_without_maps_the_readmes_picture_stays(finished: Path, tmp_path: Path) 
 
 @pytest.mark.parametrize(
     "text",
-    ["nothing", report.BEGIN, report.END, f"{report.END}{report.BEGIN}", 2 * f"{report.BEGIN}{report.END}"],
+    ["nothing", report.RESULTS.begin, report.RESULTS.end, f"{report.RESULTS.end}{report.RESULTS.begin}", 2 * f"{report.RESULTS.begin}{report.RESULTS.end}"],
 )
 def test_a_readme_without_the_markers_is_left_alone(finished: Path, tmp_path: Path, text: str) -> None:
     readme = tmp_path / "README.md"
@@ -329,5 +330,5 @@ def test_a_readme_that_is_not_there_is_named(finished: Path, tmp_path: Path) -> 
 
 
 def test_the_projects_readme_has_the_markers() -> None:
-    before, after = report.around_table(Path(__file__).parents[1] / "README.md")
-    assert before.endswith(report.BEGIN) and after.startswith(report.END)
+    before, after = around(Path(__file__).parents[1] / "README.md", report.RESULTS)
+    assert before.endswith(report.RESULTS.begin) and after.startswith(report.RESULTS.end)

@@ -85,6 +85,19 @@ def study(config: Config) -> None:
     run(Study(**about), **{key: config[key] for key in outside} | {"runs": Path(config["runs"])})
 
 
+def bench(config: Config) -> Path:
+    """Time every stage beside its peers; write tables and figures."""
+    from echolearn.bench.run import bench as measure
+    from echolearn.config import build, compose, folder, without
+
+    names = ",".join(sorted(path.stem for path in (folder() / "localizer").glob("*.yaml")))
+    jobs = compose("generate", [f"plan={config['choice']['plan']}", f"localizer={names}"], many=True)
+    localizers = {job["choice"]["localizer"]: build(job["localizer"], "localizer") for _, job in jobs}
+    pages = {key: Path(config[key]) if config[key] else None for key in ("readme", "scaling")}
+    given = build(without(config, "choice scene rir noise localizer window runs readme scaling"))
+    return measure(**given, **pages, localizers=localizers, runs=Path(config["runs"]))
+
+
 def verify(folder: str) -> str:
     """Re-prove finished folders: the size and checksum of every file."""
     from echolearn import store
@@ -98,4 +111,5 @@ COMMANDS: dict[str, Callable[[Config], Path | None]] = {
     "survey": survey,
     "compare": compare,
     "study": study,
+    "bench": bench,
 }

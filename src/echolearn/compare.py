@@ -17,6 +17,7 @@ from echolearn.dataset import Dataset, plain
 from echolearn.hearing import hear
 from echolearn.judge import Answer, Heard, Row, Sheet
 from echolearn.localize import Localizer
+from echolearn.markers import around
 from echolearn.processes import processes
 from echolearn.progress import track
 from echolearn.tables import SHOWN_DB, Comparison, Contestant, snr_of
@@ -67,7 +68,7 @@ def compare(
     check_whole("resamples", resamples, low=20, high=100_000)
     check_whole("workers", workers, low=1, high=1024)
     if readme is not None:
-        report.around_table(readme)
+        around(readme, report.RESULTS)
     folder = Path(runs) / "compare" / name
     trained = load_runs(Path(runs))
     check(len(trained) > 0, "runs", runs, allowed="a folder with trained runs", hint="run `echolearn train` first")

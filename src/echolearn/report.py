@@ -19,6 +19,7 @@ import numpy as np
 
 from echolearn import store
 from echolearn.judge import Heard, Row
+from echolearn.markers import Markers, write_between
 from echolearn.tables import (
     Comparison,
     away,
@@ -35,13 +36,13 @@ from echolearn.tables import (
     snr_of,
 )
 from echolearn.trained import answer_map, answer_set, sheet_of
-from echolearn.types import Array, BadValue, check
+from echolearn.types import Array
 
 FORMAT = 3
 """Version of the report; part of a comparison's identity."""
 
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "lightning", "onnxruntime", "pyroomacoustics")
-BEGIN, END = "<!-- results: written by `echolearn compare` -->", "<!-- end of results -->"
+RESULTS = Markers("<!-- results: written by `echolearn compare` -->", "<!-- end of results -->", "readme")
 
 
 def make(contest: Comparison, *, name: str) -> dict[str, bytes]:
@@ -195,24 +196,7 @@ def show(folder: Path, *, readme: Path | None) -> None:
     sys.stdout.write(table)
     print(f"\n{folder / 'report.html'}")
     if readme is not None:
-        before, after = around_table(readme)
-        store.write_atomic(Path(readme), f"{before}\n{table}\n{after}".encode())
+        write_between(readme, table, RESULTS)
         picture = folder / "figures" / "maps_first.svg"
         if picture.is_file():
             store.write_atomic(Path(readme).parent / "docs" / "before_after.svg", picture.read_bytes())
-
-
-def around_table(readme: Path) -> tuple[str, str]:
-    """Return what stands before and after the results table of a README, its two markers included.
-
-    Raises:
-        BadValue: the file cannot be read, or has not each marker once, in this order.
-    """
-    try:
-        text = Path(readme).read_bytes().decode()
-    except (OSError, ValueError) as error:
-        raise BadValue(f"readme={readme}: cannot be read ({store.one_line(error)})") from None
-    before, *between = text.split(BEGIN)
-    rest = between[0].split(END) if len(between) == 1 else []
-    check(len(rest) == 2 and END not in before, "readme", readme, allowed=f"a file with one {BEGIN} and then one {END}")
-    return before + BEGIN, END + rest[1]

@@ -1,0 +1,120 @@
+"""Localizers: every one in `conf/localizer`, in batches and one observation at a time, beside its equations in loops.
+
+The peer is `literal`: what the paper prints, loop by loop, for one observation. EM-MC with one echo repeats the same
+search in each iteration; its peer is charged for one. The paper's own times, MATLAB on another machine, are named
+for scale only.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+from echolearn import literal
+from echolearn.bench import Measurement, Setting, heard, times
+from echolearn.geometry import circular_array
+from echolearn.localize import Localizer
+from echolearn.localize.beam import azimuth_grid
+from echolearn.progress import track
+from echolearn.timing import Contestant
+from echolearn.types import Array, Observation
+
+STAGE = "localize"
+PAPER = {"peaks": 0.0063, "em": 63.25, "mclam": 60.65, "snls": 10.14}
+"""Seconds per observation as the paper prints them, by method."""
+
+Literal = Callable[[Array, Any], object]
+
+
+def localizers(setting: Setting) -> Iterator[Measurement]:
+    """Time every localizer per observation, beside its literal form, and over microphones and azimuths."""
+    whole = heard(setting.plan, setting.batch)
+    some = min(setting.batch, 16)
+    scenes = {m: replace(setting.plan.scene, array=circular_array(m)) for m in setting.microphones}
+    rings = {m: heard(setting.plan, some, scene) for m, scene in scenes.items()}
+    for name, localizer in track(list(setting.localizers.items()), "bench localize", unit="localizers"):
+        contestants = {name: batch(localizer, whole), f"{name}, literal": loops(localizer, whole)}
+        laps = setting.race({key: value for key, value in contestants.items() if value})
+        yield from times(STAGE, laps, reference=name, parameter="batch", value=setting.batch)
+        alone = setting.race({name: batch(localizer, first(whole, 1))})
+        yield from times(STAGE, alone, parameter="batch", value=1)
+        yield from over(setting, name, "microphones", {m: batch(localizer, ring) for m, ring in rings.items()})
+        grids = {a: batch(grid, first(whole, some)) for a, grid in finer(localizer, setting.azimuths).items()}
+        yield from over(setting, name, "azimuths", grids)
+
+
+def over(setting: Setting, name: str, parameter: str, contestants: dict[int, Contestant]) -> Iterator[Measurement]:
+    """Time a localizer at several values of a parameter, in turns."""
+    for value, laps in setting.race({str(key): one for key, one in contestants.items()}).items():
+        yield from times(STAGE, {name: laps}, parameter=parameter, value=int(value))
+
+
+def batch(localizer: Localizer, observation: Observation) -> Contestant:
+    """Return a localizer at work on observations (B, M, N); an observation is a unit."""
+    return Contestant(lambda: localizer(observation), units=len(observation.samples))
+
+
+def first(observation: Observation, count: int) -> Observation:
+    """Return the first `count` of observations (B, M, N)."""
+    return replace(observation, samples=observation.samples[:count])
+
+
+def finer(localizer: Any, azimuths: Sequence[int]) -> dict[int, Localizer]:
+    """Return a localizer on several azimuth grids, if it has one."""
+    return {a: replace(localizer, azimuths=a) for a in azimuths} if hasattr(localizer, "azimuths") else {}
+
+
+def method(localizer: Localizer) -> str:
+    """Return the name of the method behind a localizer: that of its module."""
+    return type(localizer).__module__.rpartition(".")[2]
+
+
+def loops(localizer: Localizer, observation: Observation) -> Contestant | None:
+    """Return the literal form of a localizer at work on one observation, or None if there is none."""
+    known = {"snls": snls, "gated": gated, "joint": joint, "em": em, "mclam": mclam, "peaks": peaks}
+    work = known.get(method(localizer))
+    equations = Equations(localizer, first(observation, 1))
+    return None if work is None else Contestant(lambda: work(equations), warm=False)
+
+
+class Equations:
+    """What the literal functions need to know of a localizer and its one observation."""
+
+    def __init__(self, localizer: Any, observation: Observation) -> None:
+        rate = observation.probe.sample_rate
+        limits = localizer.window.lags(observation.array, rate, observation.speed_of_sound)
+        self.recording, self.burst = observation.samples[0], observation.probe.samples
+        self.positions, self.azimuths = observation.array.positions, azimuth_grid(getattr(localizer, "azimuths", 180))
+        self.rate, self.lags = rate, dict(zip(("first", "last"), limits, strict=True))
+        self.microphones = (self.recording, self.burst, self.positions, self.azimuths)
+
+
+def snls(e: Equations) -> None:
+    """Run S-NLS and whole-recording SRP-MPDR."""
+    literal.snls(e.recording[0], e.burst, **e.lags)
+    literal.mpdr(e.recording, e.positions, e.azimuths, rate=e.rate)
+
+
+def gated(e: Equations) -> None:
+    """Run S-NLS and the echo-gated direction."""
+    lag, _ = literal.snls(e.recording[0], e.burst, **e.lags)
+    literal.gated(*e.microphones, lag=lag, rate=e.rate)
+
+
+def joint(e: Equations) -> None:
+    """Run the search over times and directions."""
+    literal.joint(*e.microphones, **e.lags, rate=e.rate)
+
+
+def em(e: Equations) -> None:
+    """Run one iteration of EM-MC."""
+    literal.em(*e.microphones, **e.lags, rate=e.rate, iterations=1)
+
+
+def mclam(e: Equations) -> None:
+    """Run McLAM."""
+    literal.mclam(*e.microphones, **e.lags, rate=e.rate)
+
+
+def peaks(e: Equations) -> None:
+    """Run RIR peak picking and the direction beside it."""
+    literal.peaks(e.recording[0], e.burst, **e.lags)

@@ -1,0 +1,166 @@
+"""What the benchmarks say, as Markdown: one table for all comparisons, one for growth, one for trained runs.
+
+Times are medians with quartiles in brackets, ratios are those of laps, also with quartiles.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+from typing import Any
+
+from echolearn.bench import Measurement
+from echolearn.bench.localizers import PAPER
+from echolearn.timing import Spread, exponent, spread
+
+TITLES = {
+    "rir": "responses of all microphones, 10 x 8 x 6 m",
+    "localize": "one observation",
+    "steps": "one observation",
+    "generate": "a whole set",
+    "start": "start",
+}
+"""What a unit of each compared stage is."""
+
+UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
+
+
+def page(found: Sequence[Measurement], machine: Mapping[str, Any], *, brief: bool = False) -> str:
+    """Return the tables of everything measured; `brief` leaves single steps and single runs out, for a README."""
+    shown = [m for m in found if not (brief and m.stage == "steps")]
+    parts = [
+        describe(machine),
+        compared(shown),
+        grown(found),
+        larger(found),
+        modelled(found),
+    ]
+    return "\n\n".join(part for part in parts if part)
+
+
+def describe(machine: Mapping[str, Any]) -> str:
+    """Return where and how it was measured, in a sentence or two."""
+    load = " to ".join(f"{machine[key]:.1f}" for key in ("load_before", "load_after"))
+    return (
+        f"Median [quartiles] of wall time; {machine['processor']}, {machine['memory_gib']:.0f} GiB, {machine['system']}, "
+        f"load average {load}. One thread each, in turns in the same run; ratios are those of neighbouring laps."
+    )
+
+
+def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table; nothing if it has no lines."""
+    rows = [f"| {' | '.join(line)} |" for line in lines]
+    return "\n".join([f"| {' | '.join(head)} |", "|" + "---|" * len(head), *rows]) if rows else ""
+
+
+def compared(found: Sequence[Measurement]) -> str:
+    """Return the table of everything that was timed beside a peer: a line per peer."""
+    wall = [m for m in found if m.measure == "wall" and m.stage in TITLES]
+    own = {(m.stage, m.parameter, m.value, m.variant): m for m in wall}
+    lines = []
+    for key, references in groupby(wall, lambda m: (m.stage, m.parameter, m.value, m.reference or m.variant)):
+        peers = [m for m in references if m.reference]
+        for peer in peers or ([own[key]] if key[0] == "steps" else []):
+            mine = own[key]
+            first = not peers or peer is peers[0]
+            what = f"{TITLES[key[0]]}{condition(mine)}: {spelled(mine)}" if first else ""
+            cells = (name_of(peer), seconds(peer.spread), times(peer.ratio)) if peers else ("", "", "")
+            lines.append((what, seconds(mine.spread) if first else "", *cells))
+    return table(("what", "takes", "beside", "takes", "times as long"), lines)
+
+
+def condition(m: Measurement) -> str:
+    """Return under which condition something was measured."""
+    said = {"t60": f", T60 {m.value} s", "batch": f" of {m.value} at a time", "rows": f" of {m.value} rows"}
+    return said.get(m.parameter, "")
+
+
+def spelled(m: Measurement) -> str:
+    """Return the name of a variant; of a localizer with what the paper says it takes."""
+    printed = PAPER.get(m.variant) if m.stage == "localize" else None
+    return f"{m.variant}" + (f" (paper, MATLAB: {printed:g} s)" if printed else "")
+
+
+def name_of(peer: Measurement) -> str:
+    """Return a peer's name without that of what it is beside."""
+    return peer.variant.removeprefix(f"{peer.reference}, ")
+
+
+def grown(found: Sequence[Measurement]) -> str:
+    """Return the table of how times grow with T60, microphones and azimuths."""
+    lines = []
+    for line in growth(found):
+        cells = ", ".join(f"{m.value:g}: {seconds(m.spread, brackets=False)}" for m in line)
+        lines.append((title(line[0]), cells, f"power {power_of(line):.1f}"))
+    return table(("time of", "at", "grows as"), lines)
+
+
+def growth(found: Sequence[Measurement]) -> list[list[Measurement]]:
+    """Return every series of wall times over T60, microphones or azimuths."""
+    series: dict[tuple[str, str, str], list[Measurement]] = {}
+    for m in found:
+        if m.measure == "wall" and m.parameter in ("t60", "microphones", "azimuths"):
+            series.setdefault((m.stage, m.variant, m.parameter), []).append(m)
+    return [line for line in series.values() if len(line) > 1]
+
+
+def title(m: Measurement) -> str:
+    """Return what a series is about."""
+    return f"{m.variant} over {'T60 in s' if m.parameter == 't60' else m.parameter}"
+
+
+def power_of(line: Sequence[Measurement]) -> float:
+    """Return the power of the parameter that the times of a series follow."""
+    return exponent([float(m.value) for m in line], [m.spread.median for m in line])
+
+
+def larger(found: Sequence[Measurement]) -> str:
+    """Return the table of the growing set: a line per number of rows."""
+    lines = []
+    for rows, same in groupby((m for m in found if m.stage == "rows"), lambda m: m.value):
+        of = {m.measure: m for m in same}
+        cells = (f"{of['rate'].spread.median:.0f}", plain(of["steady rate"].spread, "{:.0f}"))
+        memory = (f"{of[key].spread.median / 2**20:.0f} MiB" for key in ("memory, director", "memory, worker"))
+        lines.append((f"{rows:,}".replace(",", " "), seconds(of["wall"].spread, brackets=False), *cells, *memory))
+    return table(
+        ("rows generated", "takes", "rows/s", "rows/s, once started", "director's peak", "worker's peak"), lines
+    )
+
+
+def modelled(found: Sequence[Measurement]) -> str:
+    """Return the table of trained runs: a line per classifier, median and quartiles over its runs."""
+    runs = [m for m in found if m.stage in ("train", "models")]
+    lines = []
+    for name in sorted({m.group for m in runs}):
+        mine = [m for m in runs if m.group == name]
+        fit = [m.spread.median for m in mine if m.measure == "fit"]
+        wall = [m for m in mine if m.measure == "wall"]
+        one, many = ([m for m in wall if not m.reference and (m.value == 1) == alone] for alone in (True, False))
+        ratio = [m.ratio.median for m in wall if m.ratio and m.value > 1]
+        cells = (seconds(spread([m.spread.median for m in part])) if part else "" for part in (one, many))
+        lines.append(
+            (name, str(len(fit)), seconds(spread(fit)) if fit else "", *cells, times(spread(ratio)) if ratio else "")
+        )
+    head = ("classifier", "runs", "training", "one row in onnxruntime", "per row, many", "NumPy, times as long")
+    return table(head, lines)
+
+
+def seconds(value: Spread, *, brackets: bool = True) -> str:
+    """Return a time in the unit that suits it, three digits, with quartiles unless there is but one value."""
+    unit, name = next(((u, n) for u, n in UNITS if value.median >= u), UNITS[-1])
+    scaled = Spread(*(part / unit for part in value))
+    return f"{plain(scaled) if brackets else digits(scaled.median)} {name}"
+
+
+def times(ratio: Spread | None) -> str:
+    """Return a ratio with quartiles."""
+    return "" if ratio is None else plain(ratio)
+
+
+def plain(value: Spread, form: str = "") -> str:
+    """Return `median [q1, q3]`, or the median alone where all three are equal."""
+    shown = [form.format(part) if form else digits(part) for part in value]
+    return shown[0] if value.q1 == value.q3 else f"{shown[0]} [{shown[1]}, {shown[2]}]"
+
+
+def digits(value: float) -> str:
+    """Return three significant digits, without an exponent."""
+    return f"{value:.0f}" if value >= 100 else f"{value:.1f}" if value >= 10 else f"{value:.2f}"

@@ -1,0 +1,156 @@
+"""Run the benchmarks and write what they found: `bench.csv`, all repetitions, machine, tables, figures.
+
+Each stage runs in a process of its own that computes with one thread. Nothing is kept from an earlier benchmark:
+what stands side by side was measured in one run, on one machine. Results are written when all stages are done.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from echolearn import report, store
+from echolearn.bench import COLUMNS, Measurement, Setting
+from echolearn.bench.localizers import localizers
+from echolearn.bench.models import inference, training
+from echolearn.bench.outlook import outlook
+from echolearn.bench.page import growth, page
+from echolearn.bench.responses import responses
+from echolearn.bench.sets import generating, growing
+from echolearn.bench.start import start
+from echolearn.bench.steps import steps
+from echolearn.compare import to_csv
+from echolearn.config import suggest
+from echolearn.localize import Localizer
+from echolearn.markers import Markers, around, write_between
+from echolearn.plans import Plan, ScatteredPlan
+from echolearn.processes import processes
+from echolearn.types import check, check_list
+
+STAGES: dict[str, Callable[[Setting], Iterable[Measurement]]] = {
+    "rir": responses,
+    "localize": localizers,
+    "steps": steps,
+    "generate": generating,
+    "rows": growing,
+    "train": training,
+    "models": inference,
+    "start": start,
+}
+README = Markers("<!-- bench: written by echolearn bench -->", "<!-- end bench -->", "readme")
+SCALING = Markers("<!-- scaling: written by echolearn bench -->", "<!-- end scaling -->", "scaling")
+REPETITIONS = "stage variant parameter value measure unit repetition result".split()
+"""Columns of `repetitions.csv`."""
+
+
+def bench(
+    *,
+    plan: Plan,
+    growing: ScatteredPlan,
+    localizers: Mapping[str, Localizer],
+    runs: Path,
+    stages: Sequence[str] = tuple(STAGES),
+    readme: Path | None = None,
+    scaling: Path | None = None,
+    command: str | None = None,
+    **often: Any,
+) -> Path:
+    """Time the stages, write everything into `runs/bench`, and print the tables.
+
+    Args:
+        plan, growing, localizers, runs, often: see `Setting`.
+        stages: which ones, by name.
+        readme: a file whose table of times, between markers, is replaced; None leaves it.
+        scaling: a file whose plan of a large set, between markers, is replaced; needs the stage `rows`.
+        command: what does it again, for the manifest.
+
+    Returns:
+        The folder.
+
+    Raises:
+        BadValue: an unknown stage, a page without its markers, a setting out of range.
+    """
+    check_list("stages", stages)
+    for stage in stages:
+        check(stage in STAGES, "stages", stage, allowed=f"of {', '.join(STAGES)}", hint=suggest(str(stage), [*STAGES]))
+    for path, markers in ((readme, README), (scaling, SCALING)):
+        if path is not None:
+            around(path, markers)
+    needed = scaling is None or "rows" in stages
+    check(needed, "stages", list(stages), allowed="with rows among them", hint="scaling= is written from it")
+    folder = Path(runs) / "bench"
+    folder.mkdir(parents=True, exist_ok=True)
+    before = os.getloadavg()[0]
+    with TemporaryDirectory(dir=folder, prefix=".") as place:
+        setting = Setting(plan, growing, localizers, Path(runs), Path(place), **often)
+        found = [m for stage in STAGES if stage in stages for m in measured(stage, setting)]
+    machine = describe(load_before=before)
+    files = {"bench.md": f"{page(found, machine)}\n".encode()} | figures_of(found)
+    files |= {"bench.csv": to_csv((m.row() for m in found), COLUMNS), "repetitions.csv": every(found)}
+    files |= {"machine.json": store.readable(machine)}
+    write(folder, files, store.made_by(command))
+    if readme is not None:
+        write_between(readme, page(found, machine, brief=True), README)
+    if scaling is not None:
+        write_between(scaling, outlook(found, machine, workers=setting.workers), SCALING)
+    sys.stdout.write(f"{page(found, machine)}\n\n")
+    return folder
+
+
+def measured(stage: str, setting: Setting) -> list[Measurement]:
+    """Return what a stage finds, in a process of its own, with one thread."""
+    print(f"bench {stage}", file=sys.stderr, flush=True)
+    with processes(1) as pool:
+        return pool.submit(_run, stage, setting).result()
+
+
+def _run(stage: str, setting: Setting) -> list[Measurement]:
+    return list(STAGES[stage](setting))
+
+
+def write(folder: Path, files: Mapping[str, bytes], about: Mapping[str, str]) -> None:
+    """Write the results, and then their manifest."""
+    store.clean(folder)
+    for name, content in files.items():
+        store.write_atomic(folder / name, content)
+    store.finish(folder, {"kind": "benchmark", **about}, files)
+
+
+def every(found: Iterable[Measurement]) -> bytes:
+    """Return `repetitions.csv`: one row for each repetition of each measurement."""
+    rows = [
+        {key: getattr(m, key) for key in REPETITIONS[:6]} | {"repetition": number, "result": value}
+        for m in found
+        for number, value in enumerate(m.repetitions)
+    ]
+    return to_csv(rows, REPETITIONS)
+
+
+def describe(*, load_before: float) -> dict[str, Any]:
+    """Return the machine, what it can use of it, and how busy it was."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    busy = {"load_before": round(load_before, 2), "load_after": round(os.getloadavg()[0], 2)}
+    return report.machine() | busy | {"memory_gib": round(memory, 1), "usable_cores": len(os.sched_getaffinity(0))}
+
+
+def figures_of(found: Sequence[Measurement]) -> dict[str, bytes]:
+    """Return the figures of growth, by file name: times of responses and localizers, rows per second, memory."""
+    from echolearn import figures
+
+    drawn: dict[str, dict[str, dict[str, list[tuple[float, ...]]]]] = {}
+    for line in growth(found):
+        panel = drawn.setdefault(line[0].stage, {}).setdefault(line[0].parameter, {})
+        panel[line[0].variant] = [(float(m.value), *m.spread) for m in line]
+    pictures = {f"{stage}.svg": figures.powers(panels, ylabel="seconds") for stage, panels in drawn.items()}
+    for name, measures, ylabel in (
+        ("rows", ("rate", "steady rate"), "rows per second"),
+        ("memory", ("memory, director", "memory, worker"), "bytes"),
+    ):
+        panel = {
+            key: [(m.value, *m.spread) for m in found if m.stage == "rows" and m.measure == key] for key in measures
+        }
+        if any(panel.values()):
+            pictures[f"{name}.svg"] = figures.powers({"rows": panel}, ylabel=ylabel)
+    return {f"figures/{name}": text.encode() for name, text in pictures.items()}
