@@ -237,7 +237,10 @@ def test_other_inputs_are_judged_anew(world: World, compared: Path, tmp_path: Pa
         "results.csv", "tests.csv", "report.html", "table.md",
         "figures/arrival_times.svg", "figures/bands.svg", "figures/belief.svg",
     }  # fmt: skip
-    assert readme.read_text() == f"before\n{report.RESULTS.begin}\n{(folder / 'table.md').read_text()}\n{report.RESULTS.end}\nafter\n"
+    assert (
+        readme.read_text()
+        == f"before\n{report.RESULTS.begin}\n{(folder / 'table.md').read_text()}\n{report.RESULTS.end}\nafter\n"
+    )
 
 
 INPUTS = "runs sets surveys localizers resamples report".split()

@@ -13,9 +13,9 @@ import echolearn
 SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
-    types literal processes progress config store geometry matching signals coverage stats recording noise localize rir
-    features metrics mapping simulate plans dataset survey judge hearing classify task training trained tables figures
-    report compare trials curves study launch commands cli
+    types literal timing processes progress config store markers geometry matching signals coverage stats recording noise
+    localize rir features metrics mapping simulate plans dataset survey judge hearing classify task training trained
+    tables figures report compare trials curves study bench launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 
@@ -32,6 +32,8 @@ OWNERS = {
     "onnxruntime": {"classify"},
     "pyroomacoustics": {"rir"},
     "soundfile": {"noise"},
+    "rir_generator": {"bench"},
+    "onnx": {"bench"},
     "numba": {"rir"},
     "llvmlite": {"rir"},
     "matplotlib": {"figures", "curves"},

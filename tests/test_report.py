@@ -314,7 +314,13 @@ def test_without_maps_the_readmes_picture_stays(finished: Path, tmp_path: Path) 
 
 @pytest.mark.parametrize(
     "text",
-    ["nothing", report.RESULTS.begin, report.RESULTS.end, f"{report.RESULTS.end}{report.RESULTS.begin}", 2 * f"{report.RESULTS.begin}{report.RESULTS.end}"],
+    [
+        "nothing",
+        report.RESULTS.begin,
+        report.RESULTS.end,
+        f"{report.RESULTS.end}{report.RESULTS.begin}",
+        2 * f"{report.RESULTS.begin}{report.RESULTS.end}",
+    ],
 )
 def test_a_readme_without_the_markers_is_left_alone(finished: Path, tmp_path: Path, text: str) -> None:
     readme = tmp_path / "README.md"

@@ -93,9 +93,9 @@ def bench(config: Config) -> Path:
     names = ",".join(sorted(path.stem for path in (folder() / "localizer").glob("*.yaml")))
     jobs = compose("generate", [f"plan={config['choice']['plan']}", f"localizer={names}"], many=True)
     localizers = {job["choice"]["localizer"]: build(job["localizer"], "localizer") for _, job in jobs}
-    pages = {key: Path(config[key]) if config[key] else None for key in ("readme", "scaling")}
     given = build(without(config, "choice scene rir noise localizer window runs readme scaling"))
-    return measure(**given, **pages, localizers=localizers, runs=Path(config["runs"]))
+    pages = {key: Path(config[key]) if config[key] else None for key in ("readme", "scaling")}
+    return measure(**given | pages, localizers=localizers, runs=Path(config["runs"]))
 
 
 def verify(folder: str) -> str:

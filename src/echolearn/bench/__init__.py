@@ -62,9 +62,7 @@ class Measurement:
         """Return the row of `bench.csv`."""
         nothing = Spread(np.nan, np.nan, np.nan)
         plain = {key: getattr(self, key) for key in ("stage", "variant", "parameter", "value", "measure", "unit")}
-        compared = {
-            f"ratio{part}": value for part, value in zip(("", "_q1", "_q3"), self.ratio or nothing, strict=True)
-        }
+        compared = dict(zip(COLUMNS[-3:], self.ratio or nothing, strict=True))
         return plain | {"n": len(self.repetitions), "reference": self.reference} | self.spread._asdict() | compared
 
 
@@ -157,7 +155,7 @@ def times(
 
 
 def heard(plan: Plan, count: int, scene: Scene | None = None) -> Observation:
-    """Return observations of `count` rows of a plan, evenly spaced, samples (count, M, N), in another scene if given."""
+    """Return observations of `count` rows of a plan, evenly spaced, in another scene if given; (count, M, N)."""
     scene = scene or plan.scene
     samples = []
     for row in np.linspace(0, len(plan) - 1, count).astype(int).tolist():

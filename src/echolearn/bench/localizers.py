@@ -29,7 +29,7 @@ def localizers(setting: Setting) -> Iterator[Measurement]:
     """Time every localizer per observation, beside its literal form, and over microphones and azimuths."""
     whole = heard(setting.plan, setting.batch)
     some = min(setting.batch, 16)
-    scenes = {m: replace(setting.plan.scene, array=circular_array(m)) for m in setting.microphones}
+    scenes = {m: replace(setting.plan.scene, array=circular_array(microphones=m)) for m in setting.microphones}
     rings = {m: heard(setting.plan, some, scene) for m, scene in scenes.items()}
     for name, localizer in track(list(setting.localizers.items()), "bench localize", unit="localizers"):
         contestants = {name: batch(localizer, whole), f"{name}, literal": loops(localizer, whole)}

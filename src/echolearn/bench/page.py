@@ -39,9 +39,10 @@ def page(found: Sequence[Measurement], machine: Mapping[str, Any], *, brief: boo
 def describe(machine: Mapping[str, Any]) -> str:
     """Return where and how it was measured, in a sentence or two."""
     load = " to ".join(f"{machine[key]:.1f}" for key in ("load_before", "load_after"))
+    where = f"{machine['processor']}, {machine['memory_gib']:.0f} GiB, {machine['system']}, load average {load}"
     return (
-        f"Median [quartiles] of wall time; {machine['processor']}, {machine['memory_gib']:.0f} GiB, {machine['system']}, "
-        f"load average {load}. One thread each, in turns in the same run; ratios are those of neighbouring laps."
+        f"Median [quartiles] of wall time; {where}. One thread each unless said otherwise, in turns in one run; "
+        "ratios are those of neighbouring laps."
     )
 
 
@@ -69,7 +70,7 @@ def compared(found: Sequence[Measurement]) -> str:
 
 def condition(m: Measurement) -> str:
     """Return under which condition something was measured."""
-    said = {"t60": f", T60 {m.value} s", "batch": f" of {m.value} at a time", "rows": f" of {m.value} rows"}
+    said = {"t60": f", T60 {m.value} s", "batch": f" of {m.value} at a time", "rows": f", {m.value} rows"}
     return said.get(m.parameter, "")
 
 
@@ -116,13 +117,12 @@ def larger(found: Sequence[Measurement]) -> str:
     """Return the table of the growing set: a line per number of rows."""
     lines = []
     for rows, same in groupby((m for m in found if m.stage == "rows"), lambda m: m.value):
-        of = {m.measure: m for m in same}
-        cells = (f"{of['rate'].spread.median:.0f}", plain(of["steady rate"].spread, "{:.0f}"))
-        memory = (f"{of[key].spread.median / 2**20:.0f} MiB" for key in ("memory, director", "memory, worker"))
-        lines.append((f"{rows:,}".replace(",", " "), seconds(of["wall"].spread, brackets=False), *cells, *memory))
-    return table(
-        ("rows generated", "takes", "rows/s", "rows/s, once started", "director's peak", "worker's peak"), lines
-    )
+        of = {m.measure: m.spread for m in same}
+        rates = (f"{of['rate'].median:.0f}", plain(of["steady rate"], "{:.0f}"))
+        memory = (f"{of[key].median / 2**20:.0f} MiB" for key in ("memory, director", "memory, worker"))
+        lines.append((spaced(rows), seconds(of["wall"]), *rates, *memory))
+    head = ("rows generated", "takes", "rows/s", "rows/s, once started", "director's peak", "worker's peak")
+    return table(head, lines)
 
 
 def modelled(found: Sequence[Measurement]) -> str:
@@ -131,16 +131,28 @@ def modelled(found: Sequence[Measurement]) -> str:
     lines = []
     for name in sorted({m.group for m in runs}):
         mine = [m for m in runs if m.group == name]
-        fit = [m.spread.median for m in mine if m.measure == "fit"]
         wall = [m for m in mine if m.measure == "wall"]
-        one, many = ([m for m in wall if not m.reference and (m.value == 1) == alone] for alone in (True, False))
+        fit = [m.spread.median for m in mine if m.measure == "fit"]
+        one, many = ([m.spread.median for m in wall if not m.reference and (m.value == 1) is b] for b in (True, False))
         ratio = [m.ratio.median for m in wall if m.ratio and m.value > 1]
-        cells = (seconds(spread([m.spread.median for m in part])) if part else "" for part in (one, many))
-        lines.append(
-            (name, str(len(fit)), seconds(spread(fit)) if fit else "", *cells, times(spread(ratio)) if ratio else "")
-        )
-    head = ("classifier", "runs", "training", "one row in onnxruntime", "per row, many", "NumPy, times as long")
+        lines.append((name, str(len(fit or one)), *map(seconds_if_any, (fit, one, many)), plain_if_any(ratio)))
+    head = ("classifier", "runs", "training", "one row in onnxruntime", "per row of many", "in NumPy, times as long")
     return table(head, lines)
+
+
+def seconds_if_any(values: Sequence[float]) -> str:
+    """Return the spread of times, or nothing."""
+    return seconds(spread(values)) if values else ""
+
+
+def plain_if_any(values: Sequence[float]) -> str:
+    """Return the spread of ratios, or nothing."""
+    return plain(spread(values)) if values else ""
+
+
+def spaced(number: int) -> str:
+    """Return a whole number with a blank between thousands."""
+    return f"{number:,}".replace(",", " ")
 
 
 def seconds(value: Spread, *, brackets: bool = True) -> str:

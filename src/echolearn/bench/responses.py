@@ -39,11 +39,11 @@ def responses(setting: Setting) -> Iterator[Measurement]:
         yield from times(STAGE, laps, reference="images", parameter="t60", value=t60)
         yield Measurement(STAGE, "images", "t60", t60, "images", "1", [images(room, scene.speed_of_sound)])
     rings = {
-        str(count): Contestant(engine(Images(), HALL, replace(scene, array=circular_array(count))))
+        str(count): Contestant(engine(Images(), HALL, replace(scene, array=circular_array(microphones=count))))
         for count in setting.microphones
     }
-    for count, laps in setting.race(rings).items():
-        yield from times(STAGE, {"images": laps}, parameter="microphones", value=int(count))
+    for count, taken in setting.race(rings).items():
+        yield from times(STAGE, {"images": taken}, parameter="microphones", value=int(count))
 
 
 def images(room: Room, speed_of_sound: float) -> float:

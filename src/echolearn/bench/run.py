@@ -44,6 +44,9 @@ SCALING = Markers("<!-- scaling: written by echolearn bench -->", "<!-- end scal
 REPETITIONS = "stage variant parameter value measure unit repetition result".split()
 """Columns of `repetitions.csv`."""
 
+Point = tuple[float, float, float, float]
+Panels = dict[str, dict[str, list[Point]]]
+
 
 def bench(
     *,
@@ -139,18 +142,19 @@ def figures_of(found: Sequence[Measurement]) -> dict[str, bytes]:
     """Return the figures of growth, by file name: times of responses and localizers, rows per second, memory."""
     from echolearn import figures
 
-    drawn: dict[str, dict[str, dict[str, list[tuple[float, ...]]]]] = {}
+    drawn: dict[str, Panels] = {}
     for line in growth(found):
-        panel = drawn.setdefault(line[0].stage, {}).setdefault(line[0].parameter, {})
-        panel[line[0].variant] = [(float(m.value), *m.spread) for m in line]
-    pictures = {f"{stage}.svg": figures.powers(panels, ylabel="seconds") for stage, panels in drawn.items()}
-    for name, measures, ylabel in (
-        ("rows", ("rate", "steady rate"), "rows per second"),
-        ("memory", ("memory, director", "memory, worker"), "bytes"),
-    ):
-        panel = {
-            key: [(m.value, *m.spread) for m in found if m.stage == "rows" and m.measure == key] for key in measures
-        }
-        if any(panel.values()):
-            pictures[f"{name}.svg"] = figures.powers({"rows": panel}, ylabel=ylabel)
-    return {f"figures/{name}": text.encode() for name, text in pictures.items()}
+        panel = drawn.setdefault(f"{line[0].stage}, seconds", {}).setdefault(line[0].parameter, {})
+        panel[line[0].variant] = points(line)
+    for m in found:
+        if m.stage == "rows" and m.measure not in ("wall", "size"):
+            kind = "memory, bytes" if m.measure.startswith("memory") else "rows, per second"
+            line = [other for other in found if (other.stage, other.measure) == (m.stage, m.measure)]
+            drawn.setdefault(kind, {}).setdefault("rows", {})[m.measure] = points(line)
+    texts = {name.split(",")[0]: figures.powers(panels, ylabel=name) for name, panels in drawn.items()}
+    return {f"figures/{name}.svg": text.encode() for name, text in texts.items()}
+
+
+def points(line: Sequence[Measurement]) -> list[Point]:
+    """Return a series as points of a figure: value, median, quartiles."""
+    return [(float(m.value), *m.spread) for m in line]

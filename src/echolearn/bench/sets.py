@@ -41,9 +41,7 @@ PEER = "pyroomacoustics, responses alone"
 def generating(setting: Setting) -> Iterator[Measurement]:
     """Time a whole set with one and with several processes, beside its responses by pyroomacoustics."""
     plan, count = setting.plan, setting.workers
-    spots = list(
-        {spot.group: spot for spot in (plan.spot(row, np.random.default_rng(0)) for row in range(len(plan)))}.values()
-    )
+    spots = places(plan)
     some = [spots[i] for i in sorted(set(np.linspace(0, len(spots) - 1, setting.positions).astype(int)))]
     name = processes_of(count)
     plan.scene.received(some[0].room, some[0].pose)  # compiled once, for all processes to come
@@ -57,6 +55,12 @@ def generating(setting: Setting) -> Iterator[Measurement]:
         contestants |= {processes_of(1): generator(setting, 1)} if count > 1 else {}
         laps = race(contestants, laps=setting.long_repetitions)
     yield from times("generate", laps, reference=name, parameter="rows", value=len(plan))
+
+
+def places(plan: Plan) -> list[Spot]:
+    """Return a spot of each position of a plan, in order."""
+    spots = (plan.spot(row, np.random.default_rng(0)) for row in range(len(plan)))
+    return list({spot.group: spot for spot in spots}.values())
 
 
 def processes_of(count: int) -> str:
@@ -127,21 +131,22 @@ def make(plan: Plan, place: Path, workers: int) -> Made:
         seconds = time.perf_counter() - began
         size = sum(path.stat().st_size for path in made.iterdir())
         written = [path.stat().st_mtime_ns * 1e-9 for path in sorted(made.glob("shard-*.npy"))]
-    return Made(
-        seconds, steady_rates(written, plan), size, resident_peak(), getrusage(RUSAGE_CHILDREN).ru_maxrss * 1024
-    )
+    largest = getrusage(RUSAGE_CHILDREN).ru_maxrss * 1024
+    return Made(seconds, steady_rates(written, plan.shard_rows), size, resident_peak(), largest)
 
 
-def steady_rates(written: list[float], plan: Plan) -> list[float]:
-    """Return rows per second after the first shard, in up to `PARTS` parts, from the time each shard was written, s."""
+def steady_rates(written: list[float], shard_rows: int) -> list[float]:
+    """Return rows per second after the first shard, in up to `PARTS` parts of at least 8 shards; NaN for one shard.
+
+    Args:
+        written: when each shard was, in s, in any order.
+        shard_rows: rows in each.
+    """
     order = sorted(written)
     parts = max(1, min(PARTS, (len(order) - 1) // 8))
-    ends = np.linspace(0, len(order) - 1, parts + 1).astype(int)
-    return (
-        [(b - a) * plan.shard_rows / max(order[b] - order[a], 1e-9) for a, b in pairwise(ends.tolist())]
-        if len(order) > 1
-        else [float("nan")]
-    )
+    ends = sorted(set(np.linspace(0, len(order) - 1, parts + 1).astype(int).tolist()))
+    rates = [(b - a) * shard_rows / (order[b] - order[a]) for a, b in pairwise(ends)]
+    return rates or [float("nan")]
 
 
 def resident_peak() -> int:
