@@ -13,7 +13,7 @@ SETS := paper,paper_planar,scattered,offgrid_10x8x6,offgrid_8x6x5,offgrid_13x11x
 CROSSED := [s*,t*]
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper tiny readme test lint clean
+.PHONY: help venv paper tiny readme bench test lint clean
 
 help: ## show this page
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-7s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -51,6 +51,9 @@ readme: $(READY) ## run everything from nothing, in runs/fresh, and write the ti
 	  text="<!-- $$target -->$$((spent / 60)) min $$((spent % 60)) s<!-- end -->"; \
 	  sed "s/<!-- $$target -->[^<]*<!-- end -->/$$text/" README.md > README.md.new && mv README.md.new README.md; \
 	done
+
+bench: $(READY) ## time everything beside its peers, and write the tables of README.md and docs/scaling.md; best on an idle machine
+	$(RUN) bench runs=$(RUNS) readme=README.md scaling=docs/scaling.md
 
 test: $(READY) ## run the tests
 	@OMP_NUM_THREADS=1 $(BIN)/pytest -q

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from echolearn import report, tables
+from echolearn.markers import around
 from echolearn.tables import Comparison, pick
 from echolearn.trained import answer_map
-from echolearn.markers import around
 from echolearn.types import BadValue
 
 NAN = float("nan")

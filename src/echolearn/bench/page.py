@@ -5,6 +5,7 @@ Times are medians with quartiles in brackets, ratios are those of laps, also wit
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
+from math import isnan
 from typing import Any
 
 from echolearn.bench import Measurement
@@ -12,11 +13,11 @@ from echolearn.bench.localizers import PAPER
 from echolearn.timing import Spread, exponent, spread
 
 TITLES = {
-    "rir": "responses of all microphones, 10 x 8 x 6 m",
+    "rir": "responses of all microphones",
     "localize": "one observation",
     "steps": "one observation",
-    "generate": "a whole set",
-    "start": "start",
+    "generate": "`echolearn generate`",
+    "start": "a command",
 }
 """What a unit of each compared stage is."""
 
@@ -76,7 +77,7 @@ def condition(m: Measurement) -> str:
 
 def spelled(m: Measurement) -> str:
     """Return the name of a variant; of a localizer with what the paper says it takes."""
-    printed = PAPER.get(m.variant) if m.stage == "localize" else None
+    printed = PAPER.get(m.variant.partition("_")[0]) if m.stage == "localize" else None
     return f"{m.variant}" + (f" (paper, MATLAB: {printed:g} s)" if printed else "")
 
 
@@ -168,7 +169,9 @@ def times(ratio: Spread | None) -> str:
 
 
 def plain(value: Spread, form: str = "") -> str:
-    """Return `median [q1, q3]`, or the median alone where all three are equal."""
+    """Return `median [q1, q3]`, the median alone where all three are equal, nothing for NaN."""
+    if isnan(value.median):
+        return ""
     shown = [form.format(part) if form else digits(part) for part in value]
     return shown[0] if value.q1 == value.q3 else f"{shown[0]} [{shown[1]}, {shown[2]}]"
 

@@ -1,12 +1,15 @@
 """Run the benchmarks and write what they found: `bench.csv`, all repetitions, machine, tables, figures.
 
-Each stage runs in a process of its own that computes with one thread. Nothing is kept from an earlier benchmark:
-what stands side by side was measured in one run, on one machine. Results are written when all stages are done.
+Stages run in one process that computes with one thread; one that fails stops no other. Nothing is kept from an earlier
+benchmark: what stands side by side was measured in one run, on one machine. Results are written when all are done.
 """
 
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from math import isnan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -44,8 +47,15 @@ SCALING = Markers("<!-- scaling: written by echolearn bench -->", "<!-- end scal
 REPETITIONS = "stage variant parameter value measure unit repetition result".split()
 """Columns of `repetitions.csv`."""
 
+SCRATCH = ".scratch-"
+"""What folders begin with that are removed in the end."""
+
 Point = tuple[float, float, float, float]
 Panels = dict[str, dict[str, list[Point]]]
+
+
+class StagesFailed(Exception):
+    """Some stages failed; each has been reported."""
 
 
 def bench(
@@ -74,6 +84,7 @@ def bench(
 
     Raises:
         BadValue: an unknown stage, a page without its markers, a setting out of range.
+        StagesFailed: some did; what the others found is in the folder.
     """
     check_list("stages", stages)
     for stage in stages:
@@ -83,39 +94,61 @@ def bench(
             around(path, markers)
     needed = scaling is None or "rows" in stages
     check(needed, "stages", list(stages), allowed="with rows among them", hint="scaling= is written from it")
-    folder = Path(runs) / "bench"
+    folder, before = Path(runs) / "bench", os.getloadavg()[0]
+    setting = Setting(plan, growing, localizers, Path(runs), folder, **often)
+    for killed in folder.glob(f"{SCRATCH}*"):
+        shutil.rmtree(killed, ignore_errors=True)
     folder.mkdir(parents=True, exist_ok=True)
-    before = os.getloadavg()[0]
-    with TemporaryDirectory(dir=folder, prefix=".") as place:
-        setting = Setting(plan, growing, localizers, Path(runs), Path(place), **often)
-        found = [m for stage in STAGES if stage in stages for m in measured(stage, setting)]
+    with TemporaryDirectory(dir=folder, prefix=SCRATCH) as place:
+        wanted = [stage for stage in STAGES if stage in stages]
+        found, failed = measured(wanted, replace(setting, place=Path(place)))
     machine = describe(load_before=before)
-    files = {"bench.md": f"{page(found, machine)}\n".encode()} | figures_of(found)
-    files |= {"bench.csv": to_csv((m.row() for m in found), COLUMNS), "repetitions.csv": every(found)}
-    files |= {"machine.json": store.readable(machine)}
-    write(folder, files, store.made_by(command))
+    write(folder, results(found, machine), store.made_by(command))
+    sys.stdout.write(f"{page(found, machine)}\n\n")
+    if failed:
+        raise StagesFailed(f"{', '.join(failed)}: failed; no page was changed, {folder} holds the others")
     if readme is not None:
         write_between(readme, page(found, machine, brief=True), README)
     if scaling is not None:
         write_between(scaling, outlook(found, machine, workers=setting.workers), SCALING)
-    sys.stdout.write(f"{page(found, machine)}\n\n")
     return folder
 
 
-def measured(stage: str, setting: Setting) -> list[Measurement]:
-    """Return what a stage finds, in a process of its own, with one thread."""
-    print(f"bench {stage}", file=sys.stderr, flush=True)
+def measured(stages: Sequence[str], setting: Setting) -> tuple[list[Measurement], list[str]]:
+    """Return what the stages find, in a process with one thread, and those that failed, each after a line about it."""
+    found, failed = list[Measurement](), list[str]()
     with processes(1) as pool:
-        return pool.submit(_run, stage, setting).result()
+        for stage in stages:
+            print(f"bench {stage}", file=sys.stderr, flush=True)
+            try:
+                found += pool.submit(_run, stage, setting).result()
+            except Exception as error:
+                failed.append(stage)
+                print(f"bench {stage}: {type(error).__name__}: {store.one_line(error)}", file=sys.stderr, flush=True)
+    return found, failed
 
 
 def _run(stage: str, setting: Setting) -> list[Measurement]:
     return list(STAGES[stage](setting))
 
 
+def results(found: Sequence[Measurement], machine: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return the files of a benchmark by name."""
+    drawn = figures_of(found)
+    parts = [page(found, machine), *(f"![{Path(name).stem}]({name})" for name in drawn)]
+    return drawn | {
+        "bench.md": ("\n\n".join(parts) + "\n").encode(),
+        "bench.csv": to_csv((exact(m.row()) for m in found), COLUMNS),
+        "repetitions.csv": every(found),
+        "machine.json": store.readable(machine),
+    }
+
+
 def write(folder: Path, files: Mapping[str, bytes], about: Mapping[str, str]) -> None:
-    """Write the results, and then their manifest."""
+    """Write the results in place of older ones, and then their manifest."""
     store.clean(folder)
+    for old in (folder / "figures").glob("*.svg"):
+        old.unlink()
     for name, content in files.items():
         store.write_atomic(folder / name, content)
     store.finish(folder, {"kind": "benchmark", **about}, files)
@@ -124,11 +157,17 @@ def write(folder: Path, files: Mapping[str, bytes], about: Mapping[str, str]) ->
 def every(found: Iterable[Measurement]) -> bytes:
     """Return `repetitions.csv`: one row for each repetition of each measurement."""
     rows = [
-        {key: getattr(m, key) for key in REPETITIONS[:6]} | {"repetition": number, "result": value}
+        exact({key: getattr(m, key) for key in REPETITIONS[:6]} | {"repetition": number, "result": value})
         for m in found
         for number, value in enumerate(m.repetitions)
     ]
     return to_csv(rows, REPETITIONS)
+
+
+def exact(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row with seven significant digits of each figure, as microseconds need; nothing for NaN."""
+    floats = {key: value for key, value in row.items() if isinstance(value, float)}
+    return {**row, **{key: "" if isnan(value) else f"{value:.7g}" for key, value in floats.items()}}
 
 
 def describe(*, load_before: float) -> dict[str, Any]:

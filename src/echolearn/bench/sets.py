@@ -4,15 +4,15 @@ Every time is that of the whole call, with the start of its processes, which pyr
 processes wait, warm, for the positions. It computes an even choice of them; its time for all is scaled up by their
 number.
 
-Rows per second are those of the whole call (`rate`), and of the time after the first shard was written (`steady rate`),
-by what stands in the folder: median and quartiles over `PARTS` parts of the shards. Memory is the high-water mark of
-the resident set of the process that directs and of the largest of those that work, in processes that did nothing else
-before.
+Rows per second are those of the whole call (`rate`), and of the time after every process has written its first shard
+(`steady rate`), by the times of the files: median and quartiles over up to `PARTS` parts of the shards. Memory is the
+high-water mark of the resident set, of the process that directs and of the largest of those that work; none of them did
+anything before.
 """
 
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -131,21 +131,25 @@ def make(plan: Plan, place: Path, workers: int) -> Made:
         seconds = time.perf_counter() - began
         size = sum(path.stat().st_size for path in made.iterdir())
         written = [path.stat().st_mtime_ns * 1e-9 for path in sorted(made.glob("shard-*.npy"))]
+    rates = steady_rates(written[: len(plan) // plan.shard_rows], plan.shard_rows, workers=workers)
     largest = getrusage(RUSAGE_CHILDREN).ru_maxrss * 1024
-    return Made(seconds, steady_rates(written, plan.shard_rows), size, resident_peak(), largest)
+    return Made(seconds, rates, size, resident_peak(), largest)
 
 
-def steady_rates(written: list[float], shard_rows: int) -> list[float]:
-    """Return rows per second after the first shard, in up to `PARTS` parts of at least 8 shards; NaN for one shard.
+def steady_rates(written: Sequence[float], shard_rows: int, *, workers: int) -> list[float]:
+    """Return rows per second once every process has written a shard, in up to `PARTS` parts; NaN for too few shards.
+
+    Processes that began together end together, so time is looked at after every `workers` shards only.
 
     Args:
-        written: when each shard was, in s, in any order.
+        written: when each whole shard was, in s, in any order.
         shard_rows: rows in each.
+        workers: processes.
     """
-    order = sorted(written)
-    parts = max(1, min(PARTS, (len(order) - 1) // 8))
-    ends = sorted(set(np.linspace(0, len(order) - 1, parts + 1).astype(int).tolist()))
-    rates = [(b - a) * shard_rows / (order[b] - order[a]) for a, b in pairwise(ends)]
+    marks = sorted(written)[workers - 1 :: workers]
+    parts = max(1, min(PARTS, (len(marks) - 1) // 4))
+    ends = sorted(set(np.linspace(0, len(marks) - 1, parts + 1).astype(int).tolist())) if marks else []
+    rates = [(b - a) * workers * shard_rows / (marks[b] - marks[a]) for a, b in pairwise(ends)]
     return rates or [float("nan")]
 
 
