@@ -54,9 +54,9 @@ SMALL: dict[str, Any] = {
     "seconds": 0.0,
     "batch": 4,
     "positions": 2,
-    "rows": [4, 20],
+    "rows": [20],
     "t60": [0.3],
-    "peer_t60": [0.6],
+    "peer_t60": [0.4],
     "microphones": [3, 4],
     "azimuths": [8, 16],
 }
@@ -140,12 +140,11 @@ def test_sets_are_timed_whole_with_their_memory_and_size(made: Path) -> None:
     names = ["2 processes", "pyroomacoustics, responses alone, 2 processes", "1 process"]
     assert [row["variant"] for row in generated] == names
     assert [row["reference"] for row in generated] == ["", "2 processes", "2 processes"]
-    size = {row["value"]: float(row["median"]) for row in pick(rows, stage="rows", measure="size")}
-    assert size.keys() == {"4", "20"}
-    assert (size["20"] - size["4"]) / 16 == pytest.approx(7200, rel=0.05)
+    [size] = pick(rows, stage="rows", measure="size")
+    assert 3 * 16 * 36 * 4 < float(size["median"]) / 20 < 9000  # three tensors, the columns, a manifest
     for measure in ("memory, director", "memory, worker"):
-        peaks = [float(row["median"]) for row in pick(rows, stage="rows", measure=measure)]
-        assert all(5e7 < peak < 2e9 for peak in peaks)
+        [peak] = pick(rows, stage="rows", measure=measure)
+        assert 5e7 < float(peak["median"]) < 2e9
 
 
 # ---------------------------------------------------------------- what is written
@@ -166,7 +165,7 @@ def test_both_pages_get_their_tables_and_keep_the_rest(made: Path) -> None:
     text = (made.parents[1] / "page.md").read_text()
     parts = re.split("|".join(map(re.escape, (*README[:2], *SCALING[:2]))), text)
     assert (parts[0], parts[2], parts[4]) == ("before\n", "\nbetween\n", "\nafter\n")
-    assert "T60 0.6 s: images" in parts[1]
+    assert "T60 0.4 s: images" in parts[1]
     assert "| trees_features | 1 |" in parts[1]
     assert "convolution" not in parts[1]
     assert "convolution" in (made / "bench.md").read_text()
@@ -226,7 +225,7 @@ def test_the_command_times_every_localizer_there_is(tmp_path: Path) -> None:
     found = {row["variant"] for row in table(tmp_path / "bench" / "bench.csv")}
     names = {path.stem for path in (conf() / "localizer").glob("*.yaml")}
     assert names <= found
-    assert {"snls, literal", "gated, literal"} <= found
+    assert {"snls, literal", "gated, literal", "snls, as the paper prints", "snls, one at a time"} <= found
 
 
 # ---------------------------------------------------------------- peers
@@ -296,7 +295,7 @@ def test_a_page_says_how_many_times_as_long_the_peer_takes() -> None:
     own = Measurement("rir", "images", "t60", 0.6, "wall", "s", [0.002, 0.004, 0.003])
     beside = {"reference": "images", "beside": own.repetitions}
     peer = Measurement("rir", "pyroomacoustics", "t60", 0.6, "wall", "s", [0.2, 0.4, 0.6], **beside)
-    line = "T60 0.6 s: images | 3.00 [2.50, 3.50] ms | pyroomacoustics | 400 [300, 500] ms | 100 [100, 150] |"
+    line = "T60 0.6 s: images | 3.00 [2.50, 3.50] ms | pyroomacoustics 400 ms, 100 [100, 150] times |"
     said = page([own, peer], MACHINE)
     assert line in said
     assert "load average 0.1 to 2.0" in said

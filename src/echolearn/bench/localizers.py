@@ -7,6 +7,7 @@ for scale only.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from echolearn import literal
@@ -14,6 +15,8 @@ from echolearn.bench import Measurement, Setting, heard, times
 from echolearn.geometry import circular_array
 from echolearn.localize import Localizer
 from echolearn.localize.beam import azimuth_grid
+from echolearn.localize.matched import Matched
+from echolearn.localize.snls import mpdr_spectrum
 from echolearn.progress import track
 from echolearn.timing import Contestant
 from echolearn.types import Array, Observation
@@ -31,15 +34,37 @@ def localizers(setting: Setting) -> Iterator[Measurement]:
     some = min(setting.batch, 16)
     scenes = {m: replace(setting.plan.scene, array=circular_array(microphones=m)) for m in setting.microphones}
     rings = {m: heard(setting.plan, some, scene) for m, scene in scenes.items()}
+    yield from parts(setting, whole)
     for name, localizer in track(list(setting.localizers.items()), "bench localize", unit="localizers"):
-        contestants = {name: batch(localizer, whole), f"{name}, literal": loops(localizer, whole)}
+        one = {f"{name}, one at a time": batch(localizer, first(whole, 1))}
+        contestants = {name: batch(localizer, whole)} | one | {f"{name}, literal": loops(localizer, whole)}
         laps = setting.race({key: value for key, value in contestants.items() if value})
         yield from times(STAGE, laps, reference=name, parameter="batch", value=setting.batch)
-        alone = setting.race({name: batch(localizer, first(whole, 1))})
-        yield from times(STAGE, alone, parameter="batch", value=1)
+        yield from printed(name, [lap.wall for lap in laps[name]], value=setting.batch)
         yield from over(setting, name, "microphones", {m: batch(localizer, ring) for m, ring in rings.items()})
         grids = {a: batch(grid, first(whole, some)) for a, grid in finer(localizer, setting.azimuths).items()}
         yield from over(setting, name, "azimuths", grids)
+
+
+def printed(name: str, own: Sequence[float], *, value: int) -> Iterator[Measurement]:
+    """Yield the time that the paper prints for a localizer, if any, beside the localizer's own laps, s."""
+    method = name.partition("_")[0]
+    if method in PAPER:
+        about = (STAGE, f"{name}, as the paper prints", "batch", value, "wall", "s")
+        yield Measurement(*about, [PAPER[method]] * len(own), reference=name, beside=own)
+
+
+def parts(setting: Setting, whole: Observation) -> Iterator[Measurement]:
+    """Time the paper's two searches one by one, per observation, beside their literal forms."""
+    window, equations = setting.plan.window, Equations(setting.plan, first(whole, 1))
+    searches: dict[str, tuple[Callable[[], object], Callable[[Equations], object]]] = {
+        "S-NLS, time only": (lambda: Matched(whole, window).strongest, earliest),
+        "SRP-MPDR, direction only": (lambda: mpdr_spectrum(whole), loudest),
+    }
+    for name, (search, work) in searches.items():
+        own = Contestant(search, units=len(whole.samples))
+        laps = setting.race({name: own, f"{name}, literal": Contestant(partial(work, equations), warm=False)})
+        yield from times(STAGE, laps, reference=name, parameter="batch", value=setting.batch)
 
 
 def over(setting: Setting, name: str, parameter: str, contestants: dict[int, Contestant]) -> Iterator[Measurement]:
@@ -73,14 +98,14 @@ def loops(localizer: Localizer, observation: Observation) -> Contestant | None:
     known = {"snls": snls, "gated": gated, "joint": joint, "em": em, "mclam": mclam, "peaks": peaks}
     work = known.get(method(localizer))
     equations = Equations(localizer, first(observation, 1))
-    return None if work is None else Contestant(lambda: work(equations), warm=False)
+    return None if work is None else Contestant(partial(work, equations), warm=False)
 
 
 class Equations:
-    """What the literal functions need to know of a localizer and its one observation."""
+    """What the literal functions need to know of a localizer (or whatever has a window) and its one observation."""
 
     def __init__(self, localizer: Any, observation: Observation) -> None:
-        rate = observation.probe.sample_rate
+        rate, self.loading = observation.probe.sample_rate, getattr(localizer, "loading", 0.0)
         limits = localizer.window.lags(observation.array, rate, observation.speed_of_sound)
         self.recording, self.burst = observation.samples[0], observation.probe.samples
         self.positions, self.azimuths = observation.array.positions, azimuth_grid(getattr(localizer, "azimuths", 180))
@@ -88,16 +113,25 @@ class Equations:
         self.microphones = (self.recording, self.burst, self.positions, self.azimuths)
 
 
+def earliest(e: Equations) -> int:
+    """Run S-NLS, and return its lag."""
+    return literal.snls(e.recording[0], e.burst, **e.lags)[0]
+
+
+def loudest(e: Equations) -> None:
+    """Run whole-recording SRP-MPDR."""
+    literal.mpdr(e.recording, e.positions, e.azimuths, rate=e.rate)
+
+
 def snls(e: Equations) -> None:
     """Run S-NLS and whole-recording SRP-MPDR."""
-    literal.snls(e.recording[0], e.burst, **e.lags)
-    literal.mpdr(e.recording, e.positions, e.azimuths, rate=e.rate)
+    earliest(e)
+    loudest(e)
 
 
 def gated(e: Equations) -> None:
     """Run S-NLS and the echo-gated direction."""
-    lag, _ = literal.snls(e.recording[0], e.burst, **e.lags)
-    literal.gated(*e.microphones, lag=lag, rate=e.rate)
+    literal.gated(*e.microphones, lag=earliest(e), rate=e.rate)
 
 
 def joint(e: Equations) -> None:
@@ -116,5 +150,6 @@ def mclam(e: Equations) -> None:
 
 
 def peaks(e: Equations) -> None:
-    """Run RIR peak picking and the direction beside it."""
-    literal.peaks(e.recording[0], e.burst, **e.lags)
+    """Run RIR peak picking, and whole-recording SRP-MPDR for the direction."""
+    literal.peaks(e.recording[0], e.burst, **e.lags, loading=e.loading)
+    loudest(e)

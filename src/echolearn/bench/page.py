@@ -9,7 +9,6 @@ from math import isnan
 from typing import Any
 
 from echolearn.bench import Measurement
-from echolearn.bench.localizers import PAPER
 from echolearn.timing import Spread, exponent, spread
 
 TITLES = {
@@ -20,6 +19,9 @@ TITLES = {
     "start": "a command",
 }
 """What a unit of each compared stage is."""
+
+GROWING = {"t60": "with T60 in s", "microphones": "with microphones", "azimuths": "with azimuths"}
+"""Parameters over which times grow."""
 
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
 
@@ -54,19 +56,22 @@ def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
 
 
 def compared(found: Sequence[Measurement]) -> str:
-    """Return the table of everything that was timed beside a peer: a line per peer."""
+    """Return the table of everything that was timed beside peers, a line each; single steps also without."""
     wall = [m for m in found if m.measure == "wall" and m.stage in TITLES]
     own = {(m.stage, m.parameter, m.value, m.variant): m for m in wall}
     lines = []
-    for key, references in groupby(wall, lambda m: (m.stage, m.parameter, m.value, m.reference or m.variant)):
-        peers = [m for m in references if m.reference]
-        for peer in peers or ([own[key]] if key[0] == "steps" else []):
-            mine = own[key]
-            first = not peers or peer is peers[0]
-            what = f"{TITLES[key[0]]}{condition(mine)}: {spelled(mine)}" if first else ""
-            cells = (name_of(peer), seconds(peer.spread), times(peer.ratio)) if peers else ("", "", "")
-            lines.append((what, seconds(mine.spread) if first else "", *cells))
-    return table(("what", "takes", "beside", "takes", "times as long"), lines)
+    for key, together in groupby(wall, lambda m: (m.stage, m.parameter, m.value, m.reference or m.variant)):
+        mine, peers = own[key], [beside(m) for m in together if m.reference]
+        if peers or mine.stage == "steps":
+            what = f"{TITLES[mine.stage]}{condition(mine)}: {mine.variant}"
+            lines.append((what, seconds(mine.spread), "; ".join(peers)))
+    return table(("what", "takes", "beside it, and how many times as long"), lines)
+
+
+def beside(peer: Measurement) -> str:
+    """Return what a peer takes, and how many times as long as what it is beside."""
+    name = peer.variant.removeprefix(f"{peer.reference}, ")
+    return f"{name} {seconds(peer.spread, brackets=False)}, {plain(peer.ratio or peer.spread)} times"
 
 
 def condition(m: Measurement) -> str:
@@ -75,38 +80,24 @@ def condition(m: Measurement) -> str:
     return said.get(m.parameter, "")
 
 
-def spelled(m: Measurement) -> str:
-    """Return the name of a variant; of a localizer with what the paper says it takes."""
-    printed = PAPER.get(m.variant.partition("_")[0]) if m.stage == "localize" else None
-    return f"{m.variant}" + (f" (paper, MATLAB: {printed:g} s)" if printed else "")
-
-
-def name_of(peer: Measurement) -> str:
-    """Return a peer's name without that of what it is beside."""
-    return peer.variant.removeprefix(f"{peer.reference}, ")
-
-
 def grown(found: Sequence[Measurement]) -> str:
-    """Return the table of how times grow with T60, microphones and azimuths."""
-    lines = []
+    """Return the table of how times grow with T60, microphones and azimuths: a line for each variant."""
+    cells: dict[str, dict[str, str]] = {}
     for line in growth(found):
-        cells = ", ".join(f"{m.value:g}: {seconds(m.spread, brackets=False)}" for m in line)
-        lines.append((title(line[0]), cells, f"power {power_of(line):.1f}"))
-    return table(("time of", "at", "grows as"), lines)
+        ends = " to ".join(seconds(m.spread, brackets=False) for m in (line[0], line[-1]))
+        said = f"{line[0].value:g} to {line[-1].value:g}: {ends}, power {power_of(line):.1f}"
+        cells.setdefault(line[0].variant, {})[line[0].parameter] = said
+    lines = [(variant, *(said.get(parameter, "") for parameter in GROWING)) for variant, said in cells.items()]
+    return table(("how time grows", *GROWING.values()), lines)
 
 
 def growth(found: Sequence[Measurement]) -> list[list[Measurement]]:
     """Return every series of wall times over T60, microphones or azimuths."""
     series: dict[tuple[str, str, str], list[Measurement]] = {}
     for m in found:
-        if m.measure == "wall" and m.parameter in ("t60", "microphones", "azimuths"):
+        if m.measure == "wall" and m.parameter in GROWING:
             series.setdefault((m.stage, m.variant, m.parameter), []).append(m)
     return [line for line in series.values() if len(line) > 1]
-
-
-def title(m: Measurement) -> str:
-    """Return what a series is about."""
-    return f"{m.variant} over {'T60 in s' if m.parameter == 't60' else m.parameter}"
 
 
 def power_of(line: Sequence[Measurement]) -> float:
@@ -133,22 +124,18 @@ def modelled(found: Sequence[Measurement]) -> str:
     for name in sorted({m.group for m in runs}):
         mine = [m for m in runs if m.group == name]
         wall = [m for m in mine if m.measure == "wall"]
-        fit = [m.spread.median for m in mine if m.measure == "fit"]
-        one, many = ([m.spread.median for m in wall if not m.reference and (m.value == 1) is b] for b in (True, False))
+        own = {alone: [m for m in wall if not m.reference and (m.value == 1) is alone] for alone in (True, False)}
         ratio = [m.ratio.median for m in wall if m.ratio and m.value > 1]
-        lines.append((name, str(len(fit or one)), *map(seconds_if_any, (fit, one, many)), plain_if_any(ratio)))
+        fit = [m for m in mine if m.measure == "fit"]
+        cells = (over_runs(part) for part in (fit, own[True], own[False]))
+        lines.append((name, str(len(fit or own[True])), *cells, plain(spread(ratio)) if ratio else ""))
     head = ("classifier", "runs", "training", "one row in onnxruntime", "per row of many", "in NumPy, times as long")
     return table(head, lines)
 
 
-def seconds_if_any(values: Sequence[float]) -> str:
-    """Return the spread of times, or nothing."""
-    return seconds(spread(values)) if values else ""
-
-
-def plain_if_any(values: Sequence[float]) -> str:
-    """Return the spread of ratios, or nothing."""
-    return plain(spread(values)) if values else ""
+def over_runs(times: Sequence[Measurement]) -> str:
+    """Return the spread of the medians of several runs, or nothing."""
+    return seconds(spread([m.spread.median for m in times])) if times else ""
 
 
 def spaced(number: int) -> str:
@@ -161,11 +148,6 @@ def seconds(value: Spread, *, brackets: bool = True) -> str:
     unit, name = next(((u, n) for u, n in UNITS if value.median >= u), UNITS[-1])
     scaled = Spread(*(part / unit for part in value))
     return f"{plain(scaled) if brackets else digits(scaled.median)} {name}"
-
-
-def times(ratio: Spread | None) -> str:
-    """Return a ratio with quartiles."""
-    return "" if ratio is None else plain(ratio)
 
 
 def plain(value: Spread, form: str = "") -> str:
