@@ -163,19 +163,30 @@ def advance(correlation: Array, lags: Array) -> Array:
     return fft.irfft(fft.rfft(correlation)[..., None, :, :] * phase, size)
 
 
-def steered_response(correlation: Array, array: MicArray, azimuth: Array, elevation: Array, *, scale: float) -> Array:
-    """Return J(tau, phi) = sum_m r_m(tau + eta_m(phi)), shape (B, A, L).
+def steered_response(
+    correlation: Array, array: MicArray, azimuth: Array, elevation: Array, *, scale: float, finer: int = 1
+) -> Array:
+    """Return J(tau, phi) = sum_m r_m(tau + eta_m(phi)), shape (B, A, finer * L).
 
     Args:
         correlation: matched-filter outputs, shape (B, M, L).
         array: M microphones.
         azimuth, elevation: directions, shape (A,), in rad.
         scale: sample_rate / speed_of_sound, in samples per m.
+        finer: points per lag.
     """
     size = correlation.shape[-1]
     phase = _advancing(array.positions.tobytes(), azimuth.tobytes(), elevation.tobytes(), size, scale)
     spectrum = np.moveaxis(fft.rfft(correlation.astype(np.float32)), -1, 0)
-    return fft.irfft(np.moveaxis(spectrum @ phase, 0, -1), size)
+    steered = np.moveaxis(spectrum @ phase, 0, -1)
+    return fft.irfft(steered, size) if finer == 1 else interpolate(steered, size, finer)
+
+
+def interpolate(spectrum: Array, size: int, finer: int) -> Array:
+    """Return `finer` points per lag of correlations given by their spectra over `size` lags, (..., finer * size)."""
+    if size % 2 == 0:
+        spectrum = np.concatenate([spectrum[..., :-1], spectrum[..., -1:] / 2], axis=-1)  # Nyquist splits into two
+    return fft.irfft(spectrum, finer * size) * finer
 
 
 @lru_cache(maxsize=8)

@@ -51,7 +51,7 @@ class Em:
         check_echoes(matched, self.echoes)
         faults.tell(matched.silent, reference=False)
         weights = faults.noise_weights(matched.observation, matched.silent) if self.weigh else None
-        search = joint_search(matched, weights=weights, refine=self.refine)
+        search = joint_search(matched, weights=weights, refine=self.refine, finer=2 if self.whiten else 1)
         peaks = several(matched, search, echoes=self.echoes)
         if self.echoes > 1:
             burst = matched.observation.probe.samples

@@ -24,7 +24,7 @@ from echolearn.localize.matched import GATE, Matched, check_echoes, listen
 from echolearn.localize.snls import reference_echoes
 from echolearn.types import Array, Echoes, Observation, check, check_number, check_whole
 
-FINER = 16
+TABLE = 16
 """Points per lag of the table from which aligned outputs are read, linearly in between."""
 
 
@@ -59,7 +59,7 @@ class Gated:
         matched = listen(observation, self.window, azimuths=self.azimuths, whiten=self.whiten, whole=False)
         check_echoes(matched, self.echoes)
         faults.tell(matched.silent, reference=True)
-        times = reference_echoes(matched, self.echoes)
+        times = reference_echoes(matched, self.echoes, fine=self.whiten)
         index = matched.index(times.toa)
         power = np.stack([self.spectrum(matched, column) for column in index.T], axis=1)
         best = power.argmax(axis=-1)
@@ -86,10 +86,10 @@ def aligned_outputs(matched: Matched, index: Array) -> Array:
     """Return z_k = r_m(tau + k + eta_m(phi)) for |k| <= GATE around lag indices (B,), shape (B, A, M, 2 GATE + 1)."""
     padded = matched.padded.astype(np.float32)
     size = padded.shape[-1]
-    table = fft.irfft(fft.rfft(padded), FINER * size) * FINER
+    table = beam.interpolate(fft.rfft(padded), size, TABLE)
     eta = relative_delays(matched.observation.array, *matched.directions, 1.0) * matched.scale
     lags = index[:, None, None, None] + beam.PAD + eta[..., None] + np.arange(-GATE, GATE + 1)
-    place = np.clip(lags, 0, size - 2) * FINER
+    place = np.clip(lags, 0, size - 2) * TABLE
     lower = np.floor(place).astype(np.int64)
     rows, channels = np.arange(len(padded))[:, None, None, None], np.arange(padded.shape[1])[:, None]
     before, after = table[rows, channels, lower], table[rows, channels, lower + 1]

@@ -41,5 +41,5 @@ class Joint:
         matched = listen(observation, self.window, azimuths=self.azimuths, whiten=self.whiten, whole=False)
         check_echoes(matched, self.echoes)
         faults.tell(matched.silent, reference=False)
-        search = joint_search(matched, refine=self.refine)
+        search = joint_search(matched, refine=self.refine, finer=2 if self.whiten else 1)
         return joint_echoes(matched, search, several(matched, search, echoes=self.echoes))

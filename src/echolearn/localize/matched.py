@@ -21,6 +21,9 @@ from echolearn.types import Array, Echoes, MicArray, Observation, check_whole
 APART = 5
 """Lags that an echo takes of the window, for counting how many it can hold."""
 
+FINER = 4
+"""Points per lag at which whitened recordings are searched."""
+
 GATE = 2
 """Lags on either side of the estimated TOA that the echo-gated direction listens to."""
 
@@ -154,20 +157,19 @@ def check_echoes(matched: Matched, echoes: int) -> None:
     check_whole("localizer.echoes", echoes, low=1, high=lags // APART, hint=f"{allowed}; widen the window")
 
 
-def joint_search(matched: Matched, *, weights: Array | None = None, refine: bool = True) -> Search:
+def joint_search(matched: Matched, *, weights: Array | None = None, refine: bool = True, finer: int = 1) -> Search:
     """Return the search of J over all microphones that hear, or with `weights` (B, M)."""
     if weights is None:
         weights = (~matched.silent).astype(float)
-    return Search(
-        matched.observation.array, *matched.directions, matched.scale, weights, matched.probe_energy, refine=refine
-    )
+    energy = matched.probe_energy
+    return Search(matched.observation.array, *matched.directions, matched.scale, weights, energy, refine, finer)
 
 
-def reference_search(matched: Matched, *, refine: bool = True) -> Search:
+def reference_search(matched: Matched, *, refine: bool = True, finer: int = 1) -> Search:
     """Return the search of r_1, the matched filter of microphone 1 alone."""
     alone = MicArray(matched.observation.array.positions[:1])
     nowhere, ones = np.zeros(1), np.ones((len(matched.padded), 1))
-    return Search(alone, nowhere, nowhere, matched.scale, ones, matched.probe_energy, refine=refine)
+    return Search(alone, nowhere, nowhere, matched.scale, ones, matched.probe_energy, refine, finer)
 
 
 def several(matched: Matched, search: Search, *, echoes: int) -> list[Peak]:

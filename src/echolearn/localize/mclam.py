@@ -21,7 +21,7 @@ from scipy.special import chdtri
 
 from echolearn.geometry import SearchWindow
 from echolearn.localize import beam, faults
-from echolearn.localize.matched import Matched, joint_echoes, joint_search, listen
+from echolearn.localize.matched import FINER, Matched, joint_echoes, joint_search, listen, reference_search
 from echolearn.localize.search import Peak
 from echolearn.localize.snls import heard_spectrum
 from echolearn.types import Array, Echoes, Observation, check_number, check_whole
@@ -56,14 +56,14 @@ class Mclam:
         faults.tell(matched.silent, reference=False)
         power = heard_spectrum(matched, azimuths=self.azimuths, gamma=self.gamma)
         azimuth = beam.azimuth_grid(self.azimuths)[power.argmax(axis=-1)]
-        search = joint_search(matched, refine=False)
         level = np.full(len(azimuth), np.pi / 2)
+        search = joint_search(matched)
         eta = search.delays(np.zeros(len(azimuth)), azimuth, level)
-        aligned = beam.advance(matched.padded * search.weights[..., None], eta[:, None])[:, 0].sum(axis=1)
-        cost = aligned[:, beam.PAD : -beam.PAD]
-        height = cost.max(axis=-1)
-        gain = height / (search.probe_energy * search.weights.sum(axis=-1))
-        peak = Peak(cost.argmax(axis=-1).astype(float), azimuth, level, gain, height)
+        aligned = beam.advance(matched.padded * search.weights[..., None], eta[:, None])[:, 0].sum(
+            axis=1, keepdims=True
+        )
+        one = reference_search(matched, refine=self.whiten, finer=FINER if self.whiten else 1)(aligned)
+        peak = Peak(one.lag, azimuth, level, one.gain / search.weights.sum(axis=-1), one.height)
         present = detected(matched, self.false_alarm)[:, None]
         echoes = joint_echoes(matched, search, [peak])
         score, gain = np.where(present, echoes.score, 0.0), np.where(present, echoes.gain, 0.0)

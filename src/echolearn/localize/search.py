@@ -52,6 +52,8 @@ class Search:
         weights: of the microphones, shape (B, M).
         probe_energy: ||s||^2.
         refine: climb between the points of the grid.
+        finer: points of the grid per lag. Whitened echoes ring close to half the sample rate, where one point per lag
+            may miss a crest between two samples and take a side lobe.
     """
 
     array: MicArray
@@ -61,14 +63,17 @@ class Search:
     weights: Array
     probe_energy: float
     refine: bool = True
+    finer: int = 1
 
     def __call__(self, padded: Array) -> Peak:
         """Return the largest J inside the window of correlations (B, M, L + 2 PAD)."""
         weighted = padded * self.weights[..., None]
-        surface = beam.steered_response(weighted, self.array, self.azimuth, self.elevation, scale=self.scale)
-        inside = surface[..., beam.PAD : -beam.PAD]
+        surface = beam.steered_response(
+            weighted, self.array, self.azimuth, self.elevation, scale=self.scale, finer=self.finer
+        )
+        inside = surface[..., beam.PAD * self.finer : 1 - (beam.PAD + 1) * self.finer]
         best = np.stack(np.unravel_index(inside.reshape(len(inside), -1).argmax(axis=-1), inside.shape[1:]))
-        spot = (best[1].astype(float), self.azimuth[best[0]], self.elevation[best[0]])
+        spot = (best[1] / self.finer, self.azimuth[best[0]], self.elevation[best[0]])
         if self.refine:
             spot = self.climb(fft.rfft(weighted), padded.shape[-1], *spot)
         height = self.read(weighted, *spot).sum(axis=-1)

@@ -15,7 +15,7 @@ import numpy as np
 from echolearn import signals
 from echolearn.geometry import SearchWindow, relative_delays
 from echolearn.localize import beam, faults
-from echolearn.localize.matched import Matched, check_echoes, listen, reference_search, several
+from echolearn.localize.matched import FINER, Matched, check_echoes, listen, reference_search, several
 from echolearn.types import Array, Echoes, MicArray, Observation, check, check_number, check_whole
 
 
@@ -55,19 +55,23 @@ class Snls:
         matched = listen(observation, self.window, azimuths=self.azimuths, whiten=self.whiten, whole=True)
         check_echoes(matched, self.echoes)
         faults.tell(matched.silent, reference=True)
-        times = reference_echoes(matched, self.echoes)
+        times = reference_echoes(matched, self.echoes, fine=self.whiten)
         return paired(matched, times, azimuths=self.azimuths, elevations=self.elevations, gamma=self.gamma)
 
 
-def reference_echoes(matched: Matched, echoes: int) -> Echoes:
-    """Return times, scores and gains at microphone 1, fields (B, R), directions unknown: S-NLS, with R > 1 RELAX."""
-    if echoes == 1:
+def reference_echoes(matched: Matched, echoes: int, *, fine: bool = False) -> Echoes:
+    """Return times, scores and gains at microphone 1, fields (B, R), directions unknown.
+
+    S-NLS on whole samples; with R > 1, or where asked to be fine, RELAX between them.
+    """
+    if echoes == 1 and not fine:
         return timed(matched, matched.strongest[:, None])
-    peaks = several(matched, reference_search(matched), echoes=echoes)
+    peaks = several(matched, reference_search(matched, finer=FINER if fine else 1), echoes=echoes)
     lag, gain = (np.stack([getattr(peak, name) for peak in peaks], axis=-1) for name in ("lag", "gain"))
     order = np.argsort(-gain, axis=-1, kind="stable")
     lag, gain = np.take_along_axis(lag, order, axis=-1), np.take_along_axis(gain, order, axis=-1)
-    score = timed(matched, np.rint(lag).astype(int)).score
+    under = np.take_along_axis(matched.energy[:, 0], np.rint(lag).astype(int), axis=-1)
+    score = np.clip(gain * np.sqrt(matched.probe_energy / np.where(under > 0, under, np.inf)), -1.0, 1.0)
     return Echoes(matched.toa(lag), score, gain, *(np.zeros(lag.shape) for _ in range(3)))
 
 

@@ -1,0 +1,149 @@
+"""Recordings with faults: refused by name, or survived with a warning."""
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import reference
+from echolearn import literal
+from echolearn.geometry import SearchWindow, circular_array
+from echolearn.localize import Localizer, faults
+from echolearn.localize.em import Em
+from echolearn.localize.gated import Gated
+from echolearn.localize.joint import Joint
+from echolearn.localize.mclam import Mclam
+from echolearn.localize.peaks import Peaks
+from echolearn.localize.snls import Snls
+from echolearn.signals import noise_probe
+from echolearn.types import BadValue, MicArray, Observation
+
+RING = circular_array()
+PROBE = noise_probe(burst=400, length=6000)
+ALL = [Snls(), Gated(), Gated(beam="mpdr"), Joint(), Em(), Mclam(), Peaks()]
+names = pytest.mark.parametrize("localizer", ALL, ids=lambda one: type(one).__name__)
+
+
+def heard(azimuth: float = 0.5, *, noise: float = 0.02) -> np.ndarray:
+    """Return recordings (1, M, N) of an echo that reaches microphone 1 at sample 180."""
+    early = literal.delays(RING.positions, azimuth)[0] * 22050.0
+    source = 0.1 * literal.shift(literal.padded(PROBE.samples, PROBE.length), 180 - early)
+    waves = reference.plane_wave(source, RING.positions, azimuth, rate=22050.0)
+    return (waves + noise * np.random.default_rng(0).standard_normal(waves.shape))[None]
+
+
+def refused(localizer: Localizer, samples: np.ndarray, message: str, **changed: Any) -> None:
+    with pytest.raises(BadValue, match=message):
+        localizer(replace(Observation(samples, PROBE, RING), **changed))
+
+
+# ---------------------------------------------------------------- refused
+
+
+@names
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite(localizer: Localizer, value: float) -> None:
+    samples = heard()
+    samples[0, 4, 5999] = value
+    refused(localizer, samples, r"^observation.samples=NaN or infinity: finite samples; is a microphone broken")
+
+
+@names
+def test_channels_that_are_not_the_arrays(localizer: Localizer) -> None:
+    refused(localizer, heard()[:, :5], r"^observation.samples=\(1, 5, 6000\): \(B, 6, N\), one channel for each")
+    refused(localizer, heard()[0], r"^observation.samples=\(6, 6000\): \(B, 6, N\)")
+
+
+@names
+def test_another_sample_rate(localizer: Localizer) -> None:
+    message = r"^observation.sample_rate=44100.0 Hz: 22050 Hz, the probe's; resample the recording"
+    refused(localizer, heard(), message, sample_rate=44100.0)
+    localizer(Observation(heard(), PROBE, RING, sample_rate=22050.0))
+
+
+@names
+def test_a_clipped_channel(localizer: Localizer) -> None:
+    samples = heard()
+    samples[0, 2] = np.clip(samples[0, 2], -0.15, 0.15)
+    refused(localizer, samples, r"^observation.samples=microphone 3 of observation 0 clipped at 0.15: .*less gain")
+
+
+@names
+def test_a_window_outside_the_recording(localizer: Localizer) -> None:
+    far = replace(localizer, window=SearchWindow(farthest=60.0))  # type: ignore[type-var]
+    refused(far, heard(), r"^window.farthest=60.0 m: echoes within the recording of 6000 samples")
+
+
+@pytest.mark.parametrize("localizer", [Snls(), Gated(), Peaks()], ids=lambda one: type(one).__name__)
+def test_a_deaf_reference_where_it_is_all_there_is(localizer: Localizer) -> None:
+    samples = heard()
+    samples[0, 0] = 0.0
+    refused(localizer, samples, r"^observation.samples=silence at microphone 1: .*localizer=joint and localizer=em")
+
+
+@pytest.mark.parametrize("name", ["echoes", "azimuths"])
+@names
+def test_numbers_that_are_none(localizer: Localizer, name: str) -> None:
+    if hasattr(localizer, name):
+        with pytest.raises(BadValue, match=f"^localizer.{name}=many"):
+            replace(localizer, **{name: "many"})  # type: ignore[type-var]
+
+
+# ---------------------------------------------------------------- survived
+
+
+WITHOUT = [(one, 4) for one in ALL] + [(one, 1) for one in ALL if not isinstance(one, Snls | Gated | Peaks)]
+
+
+@pytest.mark.parametrize(("localizer", "microphone"), WITHOUT, ids=lambda one: getattr(one, "real", type(one).__name__))
+@pytest.mark.parametrize("fault", ["silent", "stuck", "faint"])
+def test_a_microphone_that_does_not_hear_is_told_and_left_out(
+    localizer: Localizer, fault: str, microphone: int
+) -> None:
+    samples = np.concatenate([heard(), heard(-2.0)])
+    level = 1e-4 * np.random.default_rng(5).standard_normal(6000)
+    samples[0, microphone - 1] = {"silent": 0.0, "stuck": 0.7, "faint": level}[fault]
+    message = f"microphone {microphone} hears nothing in 1 of 2 observations and is left out there"
+    with pytest.warns(faults.DeafMicrophone, match=message):
+        echoes = localizer(Observation(samples, PROBE, RING))
+    assert np.allclose(echoes.toa[:, 0] * 22050.0, 180, atol=0.51)
+    assert np.allclose(echoes.azimuth[:, 0], [0.5, -2.0], atol=np.radians(4))
+    assert np.allclose(echoes.gain[:, 0], 0.1, rtol=0.1)
+
+
+@names
+def test_sound_recordings_are_not_complained_of(localizer: Localizer) -> None:
+    """PCM of 16 bits with few levels in use repeats its extremes, and is not clipped."""
+    coarse = np.round(heard() * 100) / 100
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        localizer(Observation(np.concatenate([heard(), coarse, 1e-9 * heard()]), PROBE, RING))
+
+
+def test_a_silent_recording_has_no_deaf_microphone() -> None:
+    assert not faults.deaf(np.zeros((1, 6, 100))).any()
+
+
+def test_weights_are_one_over_the_noise_but_not_for_the_faintest() -> None:
+    rng = np.random.default_rng(3)
+    levels = np.array([1.0, 1.0, 1.0, 3.0, 0.1, 0.0])
+    observation = Observation(levels[:, None] * rng.standard_normal((1, 6, 20_000)), PROBE, RING)
+    silent = np.array([[False] * 5 + [True]])
+    found = faults.noise_weights(observation, silent)[0]
+    assert np.allclose(found, [1, 1, 1, 1 / 9, faults.BOLD, 0], rtol=0.1)
+    told = replace(observation, noise_psd=levels[:, None] ** 2 * np.ones(9))
+    assert np.allclose(faults.noise_weights(told, silent)[0], [1, 1, 1, 1 / 9, faults.BOLD, 0])
+
+
+def test_a_single_microphone_has_times_but_no_direction() -> None:
+    one = Observation(heard()[:, :1], PROBE, MicArray(RING.positions[:1]))
+    assert Joint()(one).toa[0, 0] * 22050.0 == pytest.approx(180, abs=0.1)
+
+
+def test_every_localizer_is_here() -> None:
+    modules = {path.stem for path in Path(faults.__file__).parent.glob("*.py")}
+    shared = {"__init__", "beam", "components", "faults", "matched", "search", "whitening"}
+    assert modules - shared == {type(localizer).__name__.lower() for localizer in ALL}
