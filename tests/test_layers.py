@@ -13,9 +13,9 @@ import echolearn
 SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
-    types literal timing processes progress config store markers geometry matching signals coverage stats recording noise
-    localize rir features metrics mapping simulate plans dataset survey judge hearing classify task training trained
-    tables figures report compare trials curves study bench launch commands cli
+    types literal timing processes progress config store markers geometry matching signals coverage stats recording
+    noise localize rir features metrics mapping simulate plans dataset survey judge hearing classify task training
+    trained tables figures report compare trials curves study bench launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 
@@ -29,11 +29,11 @@ OWNERS = {
     "torch": {"classify"},
     "lightning": {"classify"},
     "sklearn": {"classify"},
+    "onnx": {"bench", "classify"},
     "onnxruntime": {"classify"},
     "pyroomacoustics": {"rir"},
     "soundfile": {"noise"},
     "rir_generator": {"bench"},
-    "onnx": {"bench"},
     "numba": {"rir"},
     "llvmlite": {"rir"},
     "matplotlib": {"figures", "curves"},
