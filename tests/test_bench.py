@@ -13,21 +13,22 @@ import numpy as np
 import pytest
 
 from echolearn import store
-from echolearn.bench import COLUMNS, Measurement
+from echolearn.bench import COLUMNS, Measurement, heard
+from echolearn.bench.localizers import PAPER, batch, finer, loops, printed
 from echolearn.bench.outlook import outlook
 from echolearn.bench.page import digits, page, seconds
 from echolearn.bench.responses import HALL, PLACE, habets, rivals
 from echolearn.bench.run import README, REPETITIONS, SCALING, STAGES, StagesFailed, bench
 from echolearn.bench.sets import steady_rates
 from echolearn.cli import main
+from echolearn.commands import localizers
 from echolearn.config import folder as conf
-from echolearn.geometry import microphone_positions
-from echolearn.localize.gated import Gated
+from echolearn.geometry import circular_array, microphone_positions
 from echolearn.plans import ScatteredPlan
 from echolearn.rir.images import Images
 from echolearn.simulate import Scene
 from echolearn.timing import Spread
-from echolearn.types import BadValue, Observation
+from echolearn.types import BadValue
 from world import TRAINED, World, plans
 
 MACHINE = {
@@ -49,7 +50,7 @@ def few(rows: int) -> ScatteredPlan:
 
 
 SMALL: dict[str, Any] = {
-    "repetitions": 3,
+    "repetitions": 2,
     "long_repetitions": 1,
     "seconds": 0.0,
     "batch": 4,
@@ -196,36 +197,69 @@ def test_mistakes_are_told_before_anything_is_timed(changes: dict[str, Any], sai
     assert (tmp_path / "page.md").read_text() == PAGE
 
 
-class Broken(Gated):
-    """A localizer that cannot."""
-
-    def __call__(self, observation: Observation) -> Any:
-        raise RuntimeError("no ears")
-
-
 def test_a_stage_that_fails_stops_no_other_and_changes_no_page(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = tmp_path / "page.md"
+    text, damaged = tmp_path / "page.md", tmp_path / "runs" / "train" / "net" / store.METRICS
     text.write_text(PAGE)
-    given = {"stages": ["localize", "start"], "localizers": {"broken": Broken()}, "readme": text} | SMALL
-    with pytest.raises(StagesFailed, match="localize: failed"):
-        bench(plan=few(8), growing=few(4), runs=tmp_path / "runs", **given)
-    assert "bench localize: RuntimeError: no ears" in capsys.readouterr().err
+    damaged.parent.mkdir(parents=True)
+    damaged.write_text("{}")
+    with pytest.raises(StagesFailed, match="train: failed"):
+        given = {"stages": ["train", "start"], "readme": text} | SMALL
+        bench(plan=few(8), growing=few(4), localizers={}, runs=tmp_path / "runs", **given)
+    assert "bench train: BadValue: " in capsys.readouterr().err
     assert {row["stage"] for row in table(tmp_path / "runs" / "bench" / "bench.csv")} == {"start"}
     assert text.read_text() == PAGE
 
 
-def test_the_command_times_every_localizer_there_is(tmp_path: Path) -> None:
-    words = (
-        "plan=tiny plan.room.t60=0.25 stages=[localize] repetitions=1 batch=1 microphones=[] azimuths=[] "
-        f"scene.probe.length=5000 runs={tmp_path}"
-    )
-    assert main(["bench", *words.split()]) == 0
-    found = {row["variant"] for row in table(tmp_path / "bench" / "bench.csv")}
-    names = {path.stem for path in (conf() / "localizer").glob("*.yaml")}
-    assert names <= found
-    assert {"snls, literal", "gated, literal", "snls, as the paper prints", "snls, one at a time"} <= found
+def test_the_command_replaces_what_an_earlier_or_a_killed_one_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "bench"
+    for left in (folder / ".scratch-x" / "data", folder / "figures"):
+        left.mkdir(parents=True)
+    (folder / "figures" / "old.svg").write_text("old")
+    assert main(["bench", "stages=[start]", "repetitions=3", f"runs={tmp_path}"]) == 0
+    assert "echolearn --help" in capsys.readouterr().out
+    names = {"bench.csv", "repetitions.csv", "bench.md", "machine.json", "manifest.json", "figures"}
+    assert {path.name for path in folder.iterdir()} == names
+    assert list((folder / "figures").iterdir()) == []
+    assert main(["verify", str(folder)]) == 0
+
+
+# ---------------------------------------------------------------- localizers
+
+
+NAMES = sorted(path.stem for path in (conf() / "localizer").glob("*.yaml"))
+
+
+@pytest.fixture(scope="module")
+def every() -> dict[str, Any]:
+    """Return the localizers that the command times."""
+    return localizers("paper")
+
+
+def test_the_command_times_every_localizer_there_is(every: dict[str, Any]) -> None:
+    assert sorted(every) == NAMES
+    assert {localizer.window.rule for localizer in every.values()} == {"authors"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_localizer_can_be_timed_and_the_papers_have_their_equations(name: str, every: dict[str, Any]) -> None:
+    localizer = finer(every[name], [8]).get(8, every[name])
+    for microphones in (3, 6):
+        scene = replace(few(2).scene, array=circular_array(microphones=microphones))
+        observation = heard(few(2), 2, scene)
+        assert batch(localizer, observation).units == 2
+        assert batch(localizer, observation).work().toa.shape[0] == 2  # type: ignore[attr-defined]
+    literal = loops(localizer, observation)
+    if literal is not None:
+        literal.work()
+    assert literal is not None or name.partition("_")[0] not in PAPER
+    [printed_time] = list(printed(name, [0.5, 0.25], value=64)) or [None]
+    assert (printed_time is not None) == (name.partition("_")[0] in PAPER)
+    if name == "snls":
+        assert printed_time.ratio == (30.42, 25.35, 35.49)
 
 
 # ---------------------------------------------------------------- peers

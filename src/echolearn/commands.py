@@ -88,14 +88,20 @@ def study(config: Config) -> None:
 def bench(config: Config) -> Path:
     """Time every stage beside its peers; write tables and figures."""
     from echolearn.bench.run import bench as measure
-    from echolearn.config import build, compose, folder, without
+    from echolearn.config import build, without
 
-    names = ",".join(sorted(path.stem for path in (folder() / "localizer").glob("*.yaml")))
-    jobs = compose("generate", [f"plan={config['choice']['plan']}", f"localizer={names}"], many=True)
-    localizers = {job["choice"]["localizer"]: build(job["localizer"], "localizer") for _, job in jobs}
     given = build(without(config, "choice scene rir noise localizer window runs readme scaling"))
     pages = {key: Path(config[key]) if config[key] else None for key in ("readme", "scaling")}
-    return measure(**given | pages, localizers=localizers, runs=Path(config["runs"]))
+    return measure(**given | pages, localizers=localizers(config["choice"]["plan"]), runs=Path(config["runs"]))
+
+
+def localizers(plan: str) -> dict[str, Any]:
+    """Return every localizer that has a file, by its name, with the search window of a plan."""
+    from echolearn.config import build, compose, folder
+
+    names = ",".join(sorted(path.stem for path in (folder() / "localizer").glob("*.yaml")))
+    jobs = compose("generate", [f"plan={plan}", f"localizer={names}"], many=True)
+    return {job["choice"]["localizer"]: build(job["localizer"], "localizer") for _, job in jobs}
 
 
 def verify(folder: str) -> str:
