@@ -24,6 +24,7 @@ from echolearn.cli import main
 from echolearn.commands import localizers
 from echolearn.config import folder as conf
 from echolearn.geometry import circular_array, microphone_positions
+from echolearn.markers import around
 from echolearn.plans import ScatteredPlan
 from echolearn.rir.images import Images
 from echolearn.simulate import Scene
@@ -323,6 +324,11 @@ def test_figures_are_written_with_three_digits_and_the_unit_that_suits() -> None
     assert seconds(Spread(63.25, 63.25, 63.25)) == "63.2 s"
     assert seconds(Spread(4.2e-7, 4.2e-7, 4.2e-7)) == "0.42 µs"
     assert [digits(value) for value in (1234.5, 99.96, 9.87, 0.123)] == ["1234", "100.0", "9.87", "0.12"]
+
+
+def test_the_projects_readme_has_a_place_for_the_times() -> None:
+    before, after = around(Path(__file__).parents[1] / "README.md", README)
+    assert before.endswith(README.begin) and after.startswith(README.end)
 
 
 def test_a_page_says_how_many_times_as_long_the_peer_takes() -> None:
