@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from scipy.spatial.distance import cdist
 from sklearn import config_context
+from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
@@ -27,7 +28,6 @@ from sklearn.svm import SVC
 from sklearn.utils.parallel import Parallel, delayed
 
 from echolearn.classify.inputs import FEATURES, Inputs, as_input, check_inputs, check_labels
-from echolearn.metrics import auc
 from echolearn.types import Array, check, check_number, check_whole
 
 
@@ -138,9 +138,9 @@ def fold_scores(
     for column, gamma in enumerate(gamma_grid):
         kernel, other = np.exp(-gamma * near), np.exp(-gamma * far)
         for row, c in enumerate(c_grid):
-            with config_context(assume_finite=True, skip_parameter_validation=True):  # which take as long as the fit
+            with config_context(assume_finite=True, skip_parameter_validation=True):  # checks as long as the fit
                 svm = SVC(kernel="precomputed", C=c, cache_size=200).fit(kernel, y[rows[0]])
-            scores[row, column] = auc(y[rows[1]], other[:, svm.support_] @ svm.dual_coef_[0])
+                scores[row, column] = roc_auc_score(y[rows[1]], other[:, svm.support_] @ svm.dual_coef_[0])
     return scores
 
 
