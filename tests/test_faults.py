@@ -127,6 +127,30 @@ def test_a_microphone_that_does_not_hear_is_told_and_left_out(
     assert np.allclose(echoes.gain[:, 0], 0.1, rtol=0.1)
 
 
+@pytest.mark.parametrize("fault", [0.0, 0.7])
+@pytest.mark.parametrize("kind", [Snls, Gated, Joint, Em, Mclam])
+def test_whitening_does_not_wake_a_deaf_microphone(kind: type, fault: float) -> None:
+    samples = heard()
+    samples[0, 3] = fault
+    with pytest.warns(faults.DeafMicrophone, match="microphone 4 hears nothing"):
+        echoes = kind(whiten=True)(Observation(samples, PROBE, RING, noise_psd=np.linspace(1, 2, 65)))
+    assert echoes.toa[0, 0] * 22050.0 == pytest.approx(180, abs=0.51)
+    assert echoes.azimuth[0, 0] == pytest.approx(0.5, abs=np.radians(4))
+
+
+@pytest.mark.parametrize("kind", [Gated, Joint, Em])
+def test_an_array_too_wide_to_be_steered_is_refused(kind: type) -> None:
+    wide = Observation(heard(), PROBE, MicArray(4 * RING.positions))
+    with pytest.raises(BadValue, match=r"^array.positions=1.60 m: microphones up to 1.00 m from the first"):
+        kind()(wide)
+
+
+@pytest.mark.parametrize("psd", [np.ones((5, 9)), np.full(9, np.nan), -np.ones((6, 9))])
+def test_a_density_that_is_none_is_refused_even_if_only_for_weights(psd: np.ndarray) -> None:
+    for localizer in (Em(), Mclam()):
+        refused(localizer, heard(), r"^observation.noise_psd=", noise_psd=psd)
+
+
 @names
 def test_sound_recordings_are_not_complained_of(localizer: Localizer) -> None:
     """PCM of 16 bits with few levels in use repeats its extremes, and is not clipped."""

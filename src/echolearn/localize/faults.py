@@ -109,16 +109,37 @@ def tell(silent: Array, *, reference: bool) -> None:
     warnings.warn(message, DeafMicrophone, stacklevel=3)
 
 
+def density(observation: Observation) -> Array:
+    """Return `noise_psd`, which must be known, for each microphone, shape (M, F).
+
+    Raises:
+        BadValue: a density that does not fit the array.
+    """
+    psd, microphones = np.atleast_2d(np.asarray(observation.noise_psd, dtype=float)), len(observation.array)
+    fits = psd.ndim == 2 and len(psd) in (1, microphones)
+    check(fits, "observation.noise_psd", psd.shape, allowed=f"shape (F,) or ({microphones}, F)")
+    fine = bool(np.isfinite(psd).all() and (psd >= 0).all())
+    check(fine, "observation.noise_psd", "NaN, infinity or below 0", allowed="densities >= 0")
+    return np.broadcast_to(psd, (microphones, psd.shape[-1]))
+
+
+def noise_variance(observation: Observation) -> Array:
+    """Return the noise power of each recording, shape (B, M).
+
+    It is the mean of `noise_psd` where that is known, and else the power of the last quarter of the recording, when the
+    early echoes are over; late reverberation is not.
+    """
+    if observation.noise_psd is not None:
+        return np.broadcast_to(density(observation).mean(axis=-1), observation.samples.shape[:-1])
+    tail = observation.samples[..., -(observation.samples.shape[-1] // 4) :]
+    return energies(tail) / tail.shape[-1]
+
+
 def noise_weights(observation: Observation, silent: Array) -> Array:
     """Return how much each microphone counts, shape (B, M): median noise power over its own, 0 where `silent`.
 
-    The noise power is the mean of `noise_psd` where it is known, and else the power of the last quarter of the
-    recording, when the early echoes are over; none counts more than `BOLD` times the median.
+    None counts more than `BOLD` times the median.
     """
-    if observation.noise_psd is not None:
-        level = np.broadcast_to(np.mean(np.atleast_2d(observation.noise_psd), axis=-1), silent.shape)
-    else:
-        level = energies(observation.samples[..., -observation.samples.shape[-1] // 4 :])
-    heard = np.where(silent, np.nan, np.maximum(level, np.finfo(float).tiny))
+    heard = np.where(silent, np.nan, np.maximum(noise_variance(observation), np.finfo(float).tiny))
     median = np.nanmedian(heard, axis=-1, keepdims=True)
     return np.where(silent, 0.0, np.minimum(median / np.where(silent, 1.0, heard), BOLD))

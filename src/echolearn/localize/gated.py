@@ -20,7 +20,7 @@ from scipy import fft
 
 from echolearn.geometry import SearchWindow, relative_delays
 from echolearn.localize import beam, faults
-from echolearn.localize.matched import GATE, Matched, check_echoes, listen
+from echolearn.localize.matched import GATE, Matched, check_echoes, check_extent, listen
 from echolearn.localize.snls import reference_echoes
 from echolearn.types import Array, Echoes, Observation, check, check_number, check_whole
 
@@ -57,6 +57,7 @@ class Gated:
     def __call__(self, observation: Observation) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         matched = listen(observation, self.window, azimuths=self.azimuths, whiten=self.whiten, whole=False)
+        check_extent(matched)
         check_echoes(matched, self.echoes)
         faults.tell(matched.silent, reference=True)
         times = reference_echoes(matched, self.echoes, fine=self.whiten)

@@ -12,11 +12,11 @@ import numpy as np
 
 from echolearn import signals
 from echolearn.geometry import SearchWindow
-from echolearn.localize import beam, faults, whitening
+from echolearn.localize import beam, faults
 from echolearn.localize.components import relax
 from echolearn.localize.search import Peak, Search
-from echolearn.localize.whitening import whitened
-from echolearn.types import Array, Echoes, MicArray, Observation, check_whole
+from echolearn.localize.whitening import check_known, whitened
+from echolearn.types import Array, Echoes, MicArray, Observation, check, check_whole
 
 APART = 5
 """Lags that an echo takes of the window, for counting how many it can hold."""
@@ -145,9 +145,18 @@ def listen(observation: Observation, window: SearchWindow, *, azimuths: int, whi
     if not whiten:
         return Matched(observation, window, azimuths)
     _, last = faults.check_recordings(observation, window)
-    taps = 2 * whitening.density(observation).shape[-1]
+    check_known(observation)
+    taps = 2 * faults.density(observation).shape[-1]
     touched = last + beam.PAD + len(observation.probe.samples) + taps
     return Matched(whitened(observation, samples=None if whole else touched), window, azimuths)
+
+
+def check_extent(matched: Matched) -> None:
+    """Raise `BadValue` unless the array is small enough to be steered within `PAD` lags of the window."""
+    positions = matched.observation.array.positions
+    largest = float(np.linalg.norm(positions - positions[:1], axis=-1).max())
+    allowed = f"microphones up to {beam.PAD / matched.scale:.2f} m from the first"
+    check(largest * matched.scale <= beam.PAD, "array.positions", f"{largest:.2f} m", allowed=allowed)
 
 
 def check_echoes(matched: Matched, echoes: int) -> None:
@@ -159,6 +168,7 @@ def check_echoes(matched: Matched, echoes: int) -> None:
 
 def joint_search(matched: Matched, *, weights: Array | None = None, refine: bool = True, finer: int = 1) -> Search:
     """Return the search of J over all microphones that hear, or with `weights` (B, M)."""
+    check_extent(matched)
     if weights is None:
         weights = (~matched.silent).astype(float)
     energy = matched.probe_energy

@@ -76,11 +76,7 @@ def detected(matched: Matched, false_alarm: float) -> Array:
     """Tell in which observations ||y||^2 > 2 sigma^2 ln gamma over the window's samples, shape (B,), bool."""
     observation, heard = matched.observation, ~matched.silent
     touched = observation.samples[..., matched.first : matched.last + len(observation.probe.samples)]
-    if observation.noise_psd is None:
-        tail = observation.samples[..., -(observation.samples.shape[-1] // 4) :]
-        variance = faults.energies(tail) / tail.shape[-1]
-    else:
-        variance = np.broadcast_to(np.mean(np.atleast_2d(observation.noise_psd), axis=-1), heard.shape)
+    variance = faults.noise_variance(observation)
     safe = np.where(heard & (variance > 0), variance, np.inf)
     energy = (faults.energies(touched) / safe).sum(axis=-1)
     loud = (heard & (variance == 0) & (faults.energies(touched) > 0)).any(axis=-1)

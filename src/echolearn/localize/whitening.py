@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from echolearn import signals
+from echolearn.localize import faults
 from echolearn.types import Array, Observation, Probe, check
 
 
@@ -21,14 +22,18 @@ def whitened(observation: Observation, *, samples: int | None = None) -> Observa
         observation: recordings (B, M, N) with `noise_psd` (F,) or (M, F).
         samples: how many of each recording are needed from its start; all unless given.
 
+    A microphone that does not hear is silent in the result.
+
     Raises:
         BadValue: no noise density, or one that does not fit the array.
     """
-    psd = density(observation)
+    check_known(observation)
+    psd = faults.density(observation)
     shape = colour(psd)
-    probe = observation.probe
+    probe, silent = observation.probe, faults.deaf(observation.samples)
     burst = signals.whiten(probe.samples, shape)
     heard = signals.whiten(observation.samples[..., :samples], shape)
+    heard[silent] = 0.0  # the filter would wake up a stuck microphone
     length = max(heard.shape[-1], len(burst))
     return replace(
         observation,
@@ -38,20 +43,10 @@ def whitened(observation: Observation, *, samples: int | None = None) -> Observa
     )
 
 
-def density(observation: Observation) -> Array:
-    """Return the noise density of each microphone, shape (M, F)."""
-    check(
-        observation.noise_psd is not None,
-        "localizer.whiten",
-        True,
-        allowed="only with observation.noise_psd",
-        hint="record the noise alone and give signals.noise_psd of it",
-    )
-    psd = np.atleast_2d(np.asarray(observation.noise_psd, dtype=float))
-    microphones = len(observation.array)
-    fits = psd.ndim == 2 and len(psd) in (1, microphones)
-    check(fits, "observation.noise_psd", psd.shape, allowed=f"shape (F,) or ({microphones}, F)")
-    return np.broadcast_to(psd, (microphones, psd.shape[-1]))
+def check_known(observation: Observation) -> None:
+    """Raise `BadValue` unless the observation has a noise density."""
+    known, hint = observation.noise_psd is not None, "record the noise alone and give signals.noise_psd of it"
+    check(known, "localizer.whiten", True, allowed="only with observation.noise_psd", hint=hint)
 
 
 def colour(psd: Array) -> Array:
