@@ -1,5 +1,6 @@
 """Classifiers: one contract for every configuration, then what is particular to each method."""
 
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +14,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from echolearn import config
-from echolearn.classify import onnx_model
+from echolearn.classify import onnx_graph, onnx_model
 from echolearn.classify.calibration import Calibrated, best_threshold, calibrate, platt
 from echolearn.classify.inputs import as_input
 from echolearn.classify.nets import CovarianceNet, Mlp
@@ -139,6 +140,7 @@ class TestContract:
         assert [i.name for i in model.graph.input] == ["x"] and [o.name for o in model.graph.output] == ["confidence"]
         assert {o.domain for o in model.opset_import} == {""} and not model.functions
         assert not any(t.HasField("data_location") and t.data_location for t in model.graph.initializer)
+        assert model.producer_name == "echolearn", "took the general exporter, twenty times slower"
         assert b".py" not in exported and b"/" + b"work" not in exported
 
     def test_leaves_nothing_that_needs_unpickling(self, fitted: Any, folder: Path) -> None:
@@ -198,6 +200,34 @@ class TestSvm:
         expected = direct.decision_function(scaler.transform(new.astype(float)))
         np.testing.assert_allclose(model.decision(new), expected, atol=1e-9)
         np.testing.assert_allclose(model.scorer()(torch.from_numpy(new)).numpy(), expected, atol=1e-9)
+
+    def test_search_is_scikit_learns(self, tmp_path: Path) -> None:
+        from sklearn.model_selection import GridSearchCV, StratifiedGroupKFold
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import StandardScaler
+        from sklearn.svm import SVC
+
+        (x, y), groups = self.ring(240, 0), np.arange(240) // 2
+        model = Svm(["toa", "power"], c_grid=[0.1, 1.0], gamma_grid=[0.05, 0.5, 5.0])
+        found = model.search(x.astype(float), y, groups, 4)
+        folds = StratifiedGroupKFold(5, shuffle=True, random_state=4)
+        grid = {"svc__C": model.c_grid, "svc__gamma": model.gamma_grid}
+        search = GridSearchCV(make_pipeline(StandardScaler(), SVC()), grid, scoring="roc_auc", cv=folds)
+        search.fit(x.astype(float), y, groups=groups)
+        assert search.best_params_ == {"svc__C": found["c"], "svc__gamma": found["gamma"]}
+        assert found["auc"] == pytest.approx(search.best_score_, abs=1e-6)
+        assert found["auc_sd"] == pytest.approx(search.cv_results_["std_test_score"][search.best_index_], abs=1e-6)
+
+    def test_a_large_set_is_fitted_in_part(self, tmp_path: Path) -> None:
+        (x, y), groups = self.ring(300, 0), np.arange(300) // 3
+        settings = {"inputs": ["toa", "power"], "c_grid": [1.0], "gamma_grid": [0.5], "search_rows": 60}
+        model = Svm(**settings, fit_rows=120)
+        model.fit(x, y, groups=groups, validation=(x, y), folder=tmp_path, seed=5)
+        assert (model.cross_validation["search_rows"], model.cross_validation["fit_rows"]) == (60, 120)
+        rows = some_positions(groups, 120, 5)
+        assert len(np.unique(groups[rows])) == 40 and set(some_positions(groups, 60, 5)) < set(rows)
+        part = Svm(**settings).fit(x[rows], y[rows], groups=groups[rows], validation=(x, y), folder=tmp_path, seed=5)
+        np.testing.assert_array_equal(model.decision(x), part.decision(x))
 
     def test_search_finds_the_kernel_width(self, tmp_path: Path) -> None:
         x, y = self.ring(300, 0)
@@ -285,6 +315,72 @@ class TestNetwork:
         assert torch.isfinite(Standardise(np.ones((10, 3)))(torch.full((2, 3), 7.0))).all()
 
 
+TABLE = torch.arange(12.0).reshape(12, 1) ** 2
+FILTERS = torch.linspace(-1, 1, 18).reshape(2, 3, 3)
+
+KNOWN: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
+    "numbers on either side": lambda x: ((x * 3 + 0.5) / 2 - 1)[:, 0, 0],
+    "float32 and float64": lambda x: (x.double() + 1e-9).sum(dim=[1, 2]),
+    "limits": lambda x: (x.clamp(-0.5, 0.5) + x.clamp(0.1)).sum(dim=(1, 2)),
+    "larger, smaller": lambda x: torch.maximum(x[:, 0], torch.minimum(x[:, 1], x[:, 2])).amax(dim=1),
+    "slices": lambda x: x[:, ::2, 1:3].sum(dim=2)[:, -1] - x[:, -1, -2],
+    "keeping an axis": lambda x: (x - x.mean(dim=2, keepdim=True)).amax(dim=[-2, -1]),
+    "axes exchanged": lambda x: (x.transpose(1, -1) @ x)[:, 1, 2].tanh(),
+    "side by side": lambda x: torch.cat([x[:, 0], x[:, 1].relu()], dim=-1).exp().sum(dim=1),
+    "one entry by index": lambda x: x[:, :, 0].gather(1, (x[:, :, 1] > 0).long()).sum(dim=1).sigmoid(),
+    "rows of a table": lambda x: torch.nn.functional.embedding((x[:, 0] > 0).long() * 5 + 2, TABLE).squeeze(2).sum(1),
+    "zeros": lambda x: (torch.zeros_like(x[:, 0, :1], dtype=torch.int64) + 2).double().flatten(),
+    "strided convolution": lambda x: torch.nn.functional.conv1d(x, FILTERS, None, 2, 1).sum(dim=(1, 2)),
+}
+
+UNKNOWN: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
+    "an operator": lambda x: torch.sin(x).sum(dim=[1, 2]),
+    "an argument": lambda x: torch.nn.functional.gelu(x, approximate="tanh").sum(dim=[1, 2]),
+    "types that meet": lambda x: (x.double() + x).sum(dim=[1, 2]),
+}
+
+
+class Function(torch.nn.Module):
+    """A function as a module."""
+
+    def __init__(self, function: Callable[[torch.Tensor], torch.Tensor]) -> None:
+        super().__init__()
+        self.function = function
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Apply the function."""
+        return self.function(x)
+
+
+class TestOnnx:
+    """Graphs against torch itself; rows in number other than at the export."""
+
+    X = np.random.default_rng(0).normal(size=(7, 3, 4)).astype(np.float32)
+
+    def file(self, function: Callable[[torch.Tensor], torch.Tensor]) -> tuple[bytes, Array]:
+        return onnx_model.to_onnx(Function(function), shape=(3, 4)), function(torch.from_numpy(self.X)).numpy()
+
+    @pytest.mark.parametrize("what", KNOWN)
+    def test_every_known_operator(self, what: str) -> None:
+        data, expected = self.file(KNOWN[what])
+        model = onnx.load_from_string(data)
+        onnx.checker.check_model(model, full_check=True)
+        assert model.producer_name == "echolearn"
+        np.testing.assert_allclose(onnx_model.open_onnx(data)(self.X), expected, rtol=1e-5, atol=1e-6)
+
+    @pytest.mark.parametrize("what", UNKNOWN)
+    def test_anything_else_is_refused(self, what: str) -> None:
+        with pytest.raises(onnx_graph.Unknown):
+            onnx_graph.translate(torch.export.export(Function(UNKNOWN[what]), (torch.zeros(3, 3, 4),)))
+
+    def test_what_is_refused_takes_the_general_exporter(self) -> None:
+        data, expected = self.file(UNKNOWN["an operator"])
+        model = onnx.load_from_string(data)
+        assert model.producer_name != "echolearn" and [i.name for i in model.graph.input] == ["x"]
+        assert [o.name for o in model.graph.output] == ["confidence"] and b".py" not in data
+        np.testing.assert_allclose(onnx_model.open_onnx(data)(self.X), expected, rtol=1e-5, atol=1e-6)
+
+
 class TestCalibration:
     def test_recovers_the_logistic_it_was_drawn_from(self) -> None:
         rng = np.random.default_rng(0)
@@ -323,6 +419,8 @@ BAD = {
     "net.kernel=4": lambda: CovarianceNet(kernel=4),
     "classifier.c_grid=0": lambda: Svm(["a"], c_grid=[0]),
     "classifier.gamma_grid=": lambda: Svm(["a"], gamma_grid=[]),
+    "classifier.search_rows=20000": lambda: Svm(["a"], search_rows=20_000),
+    "classifier.fit_rows=10": lambda: Svm(["a"], fit_rows=10),
     "classifier.folds=1": lambda: Svm(["a"], folds=1),
     "classifier.leaves=many": lambda: Trees(["a"], leaves="many"),  # type: ignore[arg-type]
     "classifier.inputs=toa": lambda: Threshold("toa"),  # type: ignore[arg-type]

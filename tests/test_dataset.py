@@ -430,3 +430,51 @@ def test_splits_follow_their_seed_alone() -> None:
 def test_a_share_that_is_none_is_refused(share: object) -> None:
     with pytest.raises(BadValue, match=f"^share={share}"):
         split(np.arange(5), share=share, seed=0)
+
+
+@pytest.fixture(scope="module")
+def large(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """Return a set of 64 MB in 16 shards, one of them shorter; row i is full of i."""
+    folder, rows = tmp_path_factory.mktemp("large"), 15 * 256 + 100
+    names = [store.shard_name(shard) for shard in range(16)]
+    for shard in range(16):
+        numbers = np.arange(256 * shard, min(256 * shard + 256, rows))
+        table = np.empty(len(numbers), dtype=[("number", "i8"), ("covariance", "f4", (64, 64))])
+        table["number"], table["covariance"] = numbers, numbers[:, None, None]
+        store.write_shard(folder, shard, table)
+    store.finish(folder, {"kind": "set", "rows": rows, "plan": {"name": "large"}}, names)
+    return Dataset(folder)
+
+
+class TestGather:
+    """Some rows of many shards."""
+
+    def test_rows_come_in_the_order_asked_for(self, large: Dataset) -> None:
+        rows = np.random.default_rng(0).integers(len(large), size=300)
+        np.testing.assert_array_equal(large.gather("number", rows), rows)
+        np.testing.assert_array_equal(large.gather("covariance", rows[:20])[:, 5, 7], rows[:20])
+        np.testing.assert_array_equal(large["number"], np.arange(len(large)))
+        assert large.gather("covariance", rows[:0]).shape == (0, 64, 64)
+
+    @pytest.mark.parametrize("row", [-1, 15 * 256 + 100])
+    def test_rows_outside_are_refused(self, large: Dataset, row: int) -> None:
+        with pytest.raises(BadValue, match="rows=.*from 0 to 3939"):
+            large.gather("number", np.array([3, row]))
+
+    def test_memory_is_that_of_the_rows_asked_for(self, large: Dataset) -> None:
+        """The set is looked at in blocks of 1 MB, at random and in order, then by a column."""
+        before = peak(reset=True)
+        for rows in np.random.default_rng(0).permutation(len(large)).reshape(-1, 4)[::4]:
+            large.gather("covariance", rows)
+        for start in range(0, len(large), 64):
+            large.gather("covariance", np.arange(start, min(start + 64, len(large))))
+        _ = large["number"]
+        assert peak() - before < 16e6
+
+
+def peak(*, reset: bool = False) -> float:
+    """Return the most memory, in bytes, this process has held since the last reset."""
+    if reset:
+        Path("/proc/self/clear_refs").write_text("5")
+    [line] = [line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")]
+    return 1024.0 * int(line.split()[1])

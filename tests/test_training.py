@@ -18,6 +18,10 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from echolearn import config, metrics, store, training
+from echolearn.classify import network as network_module
+from echolearn.classify.inputs import Rows
+from echolearn.classify.nets import Mlp
+from echolearn.classify.network import Network
 from echolearn.dataset import Dataset
 from echolearn.task import Task
 from echolearn.types import Array, BadValue
@@ -39,7 +43,7 @@ NETWORK = {
 }
 
 
-def make_set(folder: Path, *, positions: int, each: int = 1, plan: str = "toy") -> Dataset:
+def make_set(folder: Path, *, positions: int, each: int = 1, plan: str = "toy", shards: int = 1) -> Dataset:
     """Write a finished set whose score tells the label and whose toa tells the position, and open it."""
     rng = np.random.default_rng(0)
     rows = positions * each
@@ -56,9 +60,10 @@ def make_set(folder: Path, *, positions: int, each: int = 1, plan: str = "toy") 
     table = np.empty(rows, dtype=[(name, value.dtype, value.shape[1:]) for name, value in columns.items()])
     for name, value in columns.items():
         table[name] = value
-    store.write_shard(folder, 0, table)
+    for shard, part in enumerate(np.array_split(table, shards)):
+        store.write_shard(folder, shard, part)
     about = {"kind": "set", "rows": rows, "plan": {"name": plan}, "command": f"echolearn generate plan={plan}"}
-    store.finish(folder, about, [store.shard_name(0)])
+    store.finish(folder, about, [store.shard_name(shard) for shard in range(shards)])
     return Dataset(folder)
 
 
@@ -239,6 +244,46 @@ class TestTrust:
         assert not (folder / "events.out.tfevents.torn").exists()
 
 
+class TestStreaming:
+    """Sets too large for memory: batches from the shards."""
+
+    def test_the_run_is_the_same_to_the_last_byte(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        task = Task(make_set(tmp_path / "set", positions=150, each=2, shards=7))
+        whole = tmp_path / "whole" / "train" / train(task, NETWORK, tmp_path / "whole")["run"]
+        monkeypatch.setattr(network_module, "IN_MEMORY", 0)
+        streamed = tmp_path / "streamed" / "train" / train(task, NETWORK, tmp_path / "streamed")["run"]
+        for name in ("metrics.json", "config.json", "model.onnx", "metrics.csv"):
+            assert (streamed / name).read_bytes() == (whole / name).read_bytes()
+
+    @pytest.mark.parametrize("limit", [0, 2**20])
+    def test_no_more_rows_are_fetched_at_once_than_a_block(
+        self, limit: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        rng, fetched = np.random.default_rng(0), []
+        table = rng.normal(size=(9000, 2)).astype(np.float32)
+
+        def gather(rows: Array) -> Array:
+            fetched.append(len(rows))
+            return table[rows]
+
+        monkeypatch.setattr(network_module, "IN_MEMORY", limit)
+        net = Network(["a", "b"], Mlp(widths=[4]), epochs=2, batch_size=1000)
+        rows, y = Rows(gather, np.arange(9000), ["a", "b"]), table[:, 0] > 0
+        net.fit(rows, y, groups=y, validation=(rows.part(np.arange(100)), y[:100]), folder=tmp_path, seed=0)
+        net.decision(rows)
+        assert max(fetched) <= 4096
+        assert (fetched.count(1000) == 2 * 9) is (limit == 0)
+
+    def test_what_is_not_finite_is_named_by_its_row_in_the_set(self, toy: Dataset) -> None:
+        def gather(rows: Array) -> Array:
+            return np.where(rows[:, None, None] == 11, np.nan, toy.gather("covariance_gated", rows))
+
+        rows = Rows(gather, np.arange(300), ["covariance_gated"]).part(np.array([2, 11, 40]))
+        assert rows[:1].shape == (1, 4, 9) and rows.shape == (3, 4, 9)
+        with pytest.raises(BadValue, match="covariance_gated=nan in row 11: "):
+            rows[1:]
+
+
 def kill_when(ready: Callable[[], bool], work: Callable[[], object]) -> None:
     """Do `work` in a forked process and kill it with SIGKILL as soon as `ready`."""
     child = os.fork()
@@ -257,6 +302,7 @@ def test_cross_validation_and_grid_search_are_recorded(toy: Dataset, tmp_path: P
     assert result["cross_validation"]["auc"]["mean"] == pytest.approx(0.92, abs=0.06)
     assert 0 < result["cross_validation"]["auc"]["sd"] < 0.1
     assert result["grid_search"]["gamma"] in SVM["gamma_grid"]
+    assert result["grid_search"]["search_rows"] == result["grid_search"]["fit_rows"] == result["rows"]["train"]
 
 
 BAD: dict[str, Callable[[Dataset, Path], object]] = {

@@ -230,7 +230,7 @@ class Dataset:
             Shape (B, ...).
 
         Raises:
-            BadValue: the set has no such field.
+            BadValue: the set has no such field, or no such row.
         """
         known = self._shards[0].dtype
         if name not in (known.names or ()):
@@ -240,6 +240,8 @@ class Dataset:
         found = np.empty((len(rows), *known[name].shape), dtype=known[name].base)
         order = np.argsort(rows, kind="stable")
         ordered = rows[order]
+        inside = len(rows) == 0 or 0 <= ordered[0] <= ordered[-1] < len(self)
+        check(inside, "rows", f"{ordered[:1]} to {ordered[-1:]}", allowed=f"from 0 to {len(self) - 1}")
         stops = np.searchsorted(ordered, self._ends)
         for index in np.flatnonzero(np.diff(stops, prepend=0)):
             start = stops[index - 1] if index else 0

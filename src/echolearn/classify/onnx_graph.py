@@ -103,9 +103,10 @@ def translate(program: ExportedProgram) -> onnx.ModelProto:
 
 def attempt(graph: Graph, node: Node) -> str:
     """Add the translation of a node and return the name of its value."""
+    translation = TRANSLATIONS.get(str(node.target), refuse)
     try:
-        return TRANSLATIONS[str(node.target)](graph, node)
-    except (KeyError, TypeError, ValueError) as error:  # not in the tables, or not the arguments expected there
+        return refuse(graph, node) if node.kwargs and translation is not zeros else translation(graph, node)
+    except (KeyError, TypeError, ValueError) as error:  # other arguments or types than expected
         raise Unknown(node.format_node()) from error
 
 
@@ -152,7 +153,7 @@ def same(graph: Graph, node: Node) -> str:
 
 def pointwise(kind: str, graph: Graph, node: Node) -> str:
     """Translate a function of all arguments, entry by entry."""
-    return refuse(graph, node) if node.kwargs else graph.apply(kind, node, range(len(node.args)))
+    return graph.apply(kind, node, range(len(node.args)))
 
 
 def reduce(kind: str, graph: Graph, node: Node) -> str:
@@ -170,7 +171,7 @@ def cast(graph: Graph, node: Node) -> str:
 def clamp(graph: Graph, node: Node) -> str:
     """Translate limits, of which the upper may be left out."""
     low, high = arguments(node, None, None)
-    if low is None or node.kwargs:
+    if low is None:
         refuse(graph, node)
     return graph.apply("Clip", node, [0, 1] if high is None else [0, 1, 2])
 
@@ -259,6 +260,7 @@ TRANSLATIONS: dict[str, Translation] = {
     "aten.mul.Tensor": partial(pointwise, "Mul"),
     "aten.div.Tensor": partial(pointwise, "Div"),
     "aten.gt.Tensor": partial(pointwise, "Greater"),
+    "aten.gt.Scalar": partial(pointwise, "Greater"),
     "aten.maximum.default": partial(pointwise, "Max"),
     "aten.minimum.default": partial(pointwise, "Min"),
     "aten.matmul.default": partial(pointwise, "MatMul"),
