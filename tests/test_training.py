@@ -18,7 +18,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from echolearn import config, metrics, store, training
-from echolearn.classify import network as network_module
+from echolearn.classify import batches
 from echolearn.classify.inputs import Rows
 from echolearn.classify.nets import Mlp
 from echolearn.classify.network import Network
@@ -250,7 +250,7 @@ class TestStreaming:
     def test_the_run_is_the_same_to_the_last_byte(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         task = Task(make_set(tmp_path / "set", positions=150, each=2, shards=7))
         whole = tmp_path / "whole" / "train" / train(task, NETWORK, tmp_path / "whole")["run"]
-        monkeypatch.setattr(network_module, "IN_MEMORY", 0)
+        monkeypatch.setattr(batches, "IN_MEMORY", 0)
         streamed = tmp_path / "streamed" / "train" / train(task, NETWORK, tmp_path / "streamed")["run"]
         for name in ("metrics.json", "config.json", "model.onnx", "metrics.csv"):
             assert (streamed / name).read_bytes() == (whole / name).read_bytes()
@@ -266,7 +266,7 @@ class TestStreaming:
             fetched.append(len(rows))
             return table[rows]
 
-        monkeypatch.setattr(network_module, "IN_MEMORY", limit)
+        monkeypatch.setattr(batches, "IN_MEMORY", limit)
         net = Network(["a", "b"], Mlp(widths=[4]), epochs=2, batch_size=1000)
         rows, y = Rows(gather, np.arange(9000), ["a", "b"]), table[:, 0] > 0
         net.fit(rows, y, groups=y, validation=(rows.part(np.arange(100)), y[:100]), folder=tmp_path, seed=0)

@@ -4,17 +4,14 @@ The loss is the cross-entropy of the logit, the optimiser AdamW. After each epoc
 training stops when it has not fallen for `patience` epochs, and the best epoch's weights are put back. The run
 folder receives `best.ckpt`, `metrics.csv` and TensorBoard events.
 
-Standardised inputs of at most `IN_MEMORY` bytes lie in memory as one tensor and a batch is an index into it: at these
-sizes workers and collation would cost more than the arithmetic. Of larger sets each batch is gathered from the shards
-and standardised when its turn comes, so memory does not grow with the number of rows; the batches are the same to the
-last bit. One thread; two runs side by side use two cores.
+Batches come from memory or, of large sets, from the shards (`batches`). One thread; two runs side by side use two
+cores.
 
 What Lightning calls a step is here a whole epoch, and the loop over batches stands in `Training.training_step`: with
 batches of less than a millisecond its hooks around every step would take most of the time.
 """
 
 import logging
-import math
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,7 +19,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch import LightningModule, Trainer
@@ -31,11 +27,11 @@ from lightning.pytorch.core.optimizer import LightningOptimizer
 from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger
 from torch import nn
 
+from echolearn.classify.batches import BLOCK, Batches, Once, source, tensor
 from echolearn.classify.inputs import (
     COVARIANCE,
     FEATURES,
     Inputs,
-    Rows,
     blocks,
     check_inputs,
     check_labels,
@@ -45,12 +41,6 @@ from echolearn.classify.inputs import (
 from echolearn.classify.standardise import Standardise
 from echolearn.store import write_atomic
 from echolearn.types import Array, check, check_number, check_whole
-
-BLOCK = 4096
-"""Rows judged at once."""
-
-IN_MEMORY = 64 * 2**20
-"""Bytes of standardised training or validation inputs above which batches are gathered from the shards."""
 
 
 @dataclass
@@ -120,8 +110,8 @@ class Network:
             )
             trainer = self.trainer(folder, [EarlyStopping("val/loss", patience=self.patience), best])
             batches = Batches(source(standardise, rows), tensor(y), size=self.batch_size, seed=seed)
-            blocks = Batches(source(standardise, held), tensor(validation[1]), size=BLOCK)
-            trainer.fit(training, Once(batches), Once(blocks))
+            unseen = Batches(source(standardise, held), tensor(validation[1]), size=BLOCK)
+            trainer.fit(training, Once(batches), Once(unseen))
             state = torch.load(best.best_model_path, weights_only=True)["state_dict"]
         training.load_state_dict(state)
         self.fitted = nn.Sequential(standardise, training.net).eval()
@@ -162,7 +152,7 @@ class Training(LightningModule):
         self.loss = nn.BCEWithLogitsLoss()
         self.automatic_optimization = False
 
-    def training_step(self, batches: "Batches", _index: int) -> None:
+    def training_step(self, batches: Batches, _index: int) -> None:
         """Pass over all batches and log their mean loss."""
         optimizer = self.optimizers()
         assert isinstance(optimizer, LightningOptimizer)
@@ -176,7 +166,7 @@ class Training(LightningModule):
             total += loss.detach() * len(y)
         self.log("train/loss", total / batches.rows, on_step=False, on_epoch=True, batch_size=1)
 
-    def validation_step(self, batches: "Batches", _index: int) -> None:
+    def validation_step(self, batches: Batches, _index: int) -> None:
         """Log the mean loss on unseen positions."""
         total = sum((self.loss(self.net(x), y) * len(y) for x, y in batches), torch.zeros(()))
         self.log("val/loss", total / batches.rows, batch_size=1)
@@ -189,53 +179,6 @@ class Training(LightningModule):
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """Return AdamW."""
         return torch.optim.AdamW(self.parameters(), lr=self.lr, weight_decay=self.weight_decay)
-
-
-class Batches:
-    """Inputs and labels in equal parts, reshuffled at each pass if there is a seed."""
-
-    def __init__(self, source: "Source", y: torch.Tensor, *, size: int, seed: int | None = None) -> None:
-        self.source, self.y, self.rows = source, y, len(y)
-        self.count = max(1, round(self.rows / size))
-        self.generator = None if seed is None else torch.Generator().manual_seed(seed)
-
-    def __iter__(self) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        shuffled = self.generator is not None
-        order = torch.randperm(self.rows, generator=self.generator) if shuffled else torch.arange(self.rows)
-        for rows in order.tensor_split(self.count):
-            yield self.source(rows), self.y[rows]
-
-
-@dataclass(frozen=True)
-class Once:
-    """A loader of one item, all batches of an epoch: Lightning takes one step through it."""
-
-    batches: Batches
-
-    def __len__(self) -> int:
-        return 1
-
-    def __iter__(self) -> Iterator[Batches]:
-        yield self.batches
-
-
-Source = Callable[[torch.Tensor], torch.Tensor]
-"""From indices (B,) to standardised inputs (B, ...)."""
-
-
-def source(standardise: Standardise, rows: Rows) -> Source:
-    """Return where batches come from: one tensor if it is small enough, else the shards."""
-    if 4 * math.prod(rows.shape) > IN_MEMORY:
-        return lambda indices: standardise(torch.from_numpy(rows[indices.numpy()]))
-    whole = torch.empty(rows.shape)
-    for start, block in enumerate(blocks(rows, rows.inputs, size=BLOCK)):
-        whole[start * BLOCK : (start + 1) * BLOCK] = standardise(torch.from_numpy(block))
-    return whole.__getitem__
-
-
-def tensor(y: Array) -> torch.Tensor:
-    """Return labels as float32."""
-    return torch.from_numpy(np.asarray(y).astype(np.float32))
 
 
 class StagedCheckpoints(TorchCheckpointIO):

@@ -25,7 +25,7 @@ from echolearn.types import Array
 PARITY = 1e-5
 """Largest difference in confidence between a classifier and its file."""
 
-BLOCK = 4096
+BLOCK = 1024
 """Rows scored at once."""
 
 
