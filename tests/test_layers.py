@@ -13,8 +13,8 @@ import echolearn
 SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
-    types literal timing processes progress config store markers geometry matching signals coverage stats recording
-    noise localize rir features metrics mapping simulate plans dataset survey judge hearing classify task training
+    types literal timing processes progress config store engine markers geometry matching signals coverage stats
+    recording noise localize rir features metrics mapping simulate plans dataset survey judge hearing classify task training
     trained tables figures report compare trials curves study bench launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
@@ -39,12 +39,16 @@ OWNERS = {
     "matplotlib": {"figures", "curves"},
     "jinja2": {"report"},
     "rich": {"progress"},
+    "dask": {"engine"},
+    "distributed": {"engine"},
+    "dask_jobqueue": {"engine"},
+    "threadpoolctl": {"engine"},
     "numpy": set(ORDER),
     "scipy": set(ORDER),
 }
 """Which parts import each library."""
 
-HEAVY = ("torch", "sklearn", "hydra", "lightning", "pyroomacoustics", "numba", "matplotlib", "onnxruntime")
+HEAVY = ("torch", "sklearn", "hydra", "lightning", "pyroomacoustics", "numba", "matplotlib", "onnxruntime", "dask", "distributed")
 
 
 def part(path: Path) -> str:

@@ -4,6 +4,7 @@ A command receives plain containers, as `config.compose` gives them, and returns
 imported inside, so that asking for help stays fast.
 """
 
+import shlex
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -20,8 +21,9 @@ def generate(config: Config) -> Path:
     from echolearn import dataset
     from echolearn.config import build
 
-    plan, runs = build(config["plan"], "plan"), Path(config["runs"])
-    return dataset.generate(plan, runs=runs, workers=config["workers"], command=config["command"])
+    plan, engine = build(config["plan"], "plan"), build(config["engine"], "engine")
+    words = [word for word in shlex.split(config["command"]) if not word.startswith(("engine", "workers="))]
+    return dataset.generate(plan, runs=Path(config["runs"]), engine=engine, command=shlex.join(words))
 
 
 def train(config: Config) -> Path:

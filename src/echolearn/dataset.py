@@ -1,7 +1,7 @@
 """Labelled sets of observations: a plan says where and how, `generate` simulates, estimates, describes, labels.
 
 Row i of a set depends on `SeedSequence(plan.seed, spawn_key=(i,))` alone, and shards are always computed
-whole by single-threaded workers, so the bytes are the same for any number of workers and any interruption.
+whole and with one thread, so the bytes are the same for any engine, any number of workers and any interruption.
 
 A shard is one structured array, a record per observation: the columns and tensors of `features`, the labels
 
@@ -12,8 +12,11 @@ and what the estimator did not know: SNR, gain, T60, room, pose, true TOAs, and 
 by which every split is made; SDNR only in sets with diffuse noise.
 """
 
+import time
 from collections.abc import Iterator, Mapping
+from contextlib import closing
 from dataclasses import fields, is_dataclass
+from functools import partial
 from hashlib import sha256
 from itertools import groupby
 from pathlib import Path
@@ -22,20 +25,25 @@ from typing import Any
 import numpy as np
 
 from echolearn import features, store
+from echolearn.engine import Engine
 from echolearn.geometry import check_inside, distance_to_outline, outline, true_echoes, wall_points
 from echolearn.localize.matched import Matched
 from echolearn.plans import Plan, Spot
-from echolearn.processes import processes
 from echolearn.progress import track
 from echolearn.signals import joint_db
 from echolearn.simulate import Scene, add_noise
-from echolearn.types import Array, BadValue, Observation, check, check_number, check_whole
+from echolearn.types import Array, BadValue, Observation, check, check_number
 
 FORMAT = 1
 """Version of the records; part of every digest."""
 
 TOLERANCE_SAMPLES = 10
 MAP_TOLERANCE = 0.10
+
+PATIENCE = 60.0
+"""Seconds until a file that another machine wrote must be seen."""
+
+SHARED = "a folder that all workers see and write to at the same path; some worker does not"
 
 
 def plain(value: Any) -> Any:
@@ -75,45 +83,54 @@ def folder_of(plan: Plan, runs: Path) -> Path:
     return Path(runs) / "data" / f"{plan.name}-{store.digest({'format': FORMAT, 'plan': plain(plan)})}"
 
 
-def generate(plan: Plan, *, runs: Path, workers: int = 1, command: str | None = None) -> Path:
+def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = None) -> Path:
     """Simulate, estimate, describe and label every row of a plan; finished shards are kept, a finished set is skipped.
 
     Args:
         plan: what to observe.
-        runs: folder of everything generated.
-        workers: processes; the result does not depend on their number.
+        runs: folder of everything generated; workers of the engine write into it, wherever they are.
+        engine: where the shards are computed; the result does not depend on it.
         command: what makes the set again, for the manifest; None says nothing about it.
 
     Returns:
         The set's folder, complete.
 
     Raises:
-        BadValue: `workers` out of range; OSError: the disk is full or not writable.
+        BadValue: the engine cannot work, the disk is full, or not shared by the workers.
     """
-    check_whole("workers", workers, low=1, high=1024)
     folder = folder_of(plan, runs)
     store.clean(folder)
     names = [store.shard_name(shard) for shard in range(-(-len(plan) // plan.shard_rows))]
     missing = store.missing_shards(folder, len(names))
     if missing:
-        _simulate(plan, folder, missing, done=len(names) - len(missing), workers=workers)
+        _simulate(plan, folder, missing, done=len(names) - len(missing), engine=engine)
     if missing or not store.is_finished(folder):
         about = {"kind": "set", "format": FORMAT, "rows": len(plan), "plan": plain(plan)}
         store.finish(folder, about | store.made_by(command), names)
     return folder
 
 
-def _simulate(plan: Plan, folder: Path, missing: list[int], *, done: int, workers: int) -> None:
+def _simulate(plan: Plan, folder: Path, missing: list[int], *, done: int, engine: Engine) -> None:
     """Write the missing shards."""
-    with processes(min(workers, len(missing))) as pool:
-        jobs = [pool.submit(_write, plan, folder, shard) for shard in missing]
-        for job in track(jobs, f"generate {folder.name}", unit="shards", done=done):
-            job.result()
+    with store.presence(folder.resolve()) as mark, closing(engine(partial(_write, plan, mark), missing)) as jobs:
+        for _ in track(jobs, f"generate {folder.name}", total=done + len(missing), unit="shards", done=done):
+            pass
+    _await([store.sidecar(folder / store.shard_name(shard)) for shard in missing])
 
 
-def _write(plan: Plan, folder: Path, shard: int) -> None:
+def _write(plan: Plan, mark: Path, shard: int) -> None:
+    """Write one shard beside the mark by which a worker knows the folder."""
+    check(mark.is_file(), "runs", mark.parent, allowed=SHARED)
     start = shard * plan.shard_rows
-    store.write_shard(folder, shard, records(plan, range(start, min(start + plan.shard_rows, len(plan)))))
+    store.write_shard(mark.parent, shard, records(plan, range(start, min(start + plan.shard_rows, len(plan)))))
+
+
+def _await(paths: list[Path]) -> None:
+    """Wait for files that others have written: a network's disk may show them late."""
+    until = time.monotonic() + PATIENCE
+    while (absent := [path for path in paths if not path.is_file()]) and time.monotonic() < until:
+        time.sleep(0.2)
+    check(not absent, "runs", paths[0].parent, allowed=SHARED)
 
 
 def records(plan: Plan, rows: range) -> Array:

@@ -18,8 +18,8 @@ import json
 import mmap
 import os
 import secrets
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -95,6 +95,25 @@ def sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+@contextmanager
+def presence(folder: Path) -> Iterator[Path]:
+    """Keep an empty file in `folder` for the time of a `with` block, by which others know that it is the same folder.
+
+    Raises:
+        BadValue: the folder cannot be written.
+    """
+    mark = Path(folder) / f".{secrets.token_hex(6)}.tmp"
+    write_atomic(mark, b"")
+    with mark.open("rb+") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)  # tells `clean` that somebody is here
+        try:
+            yield mark
+        finally:
+            mark.unlink(missing_ok=True)
+            with suppress(OSError):
+                mark.parent.rmdir()  # if nothing came of it
 
 
 def clean(folder: Path) -> None:
