@@ -226,7 +226,7 @@ def test_rows_with_diffuse_noise_depend_on_the_seed_alone(
     hovering: ScatteredPlan, scattered: ScatteredPlan, tmp_path: Path
 ) -> None:
     """Two processes write what this one computes, to the byte."""
-    folder = generate(hovering, runs=tmp_path, workers=2)
+    folder = generate(hovering, runs=tmp_path, engine=Processes(2))
     for shard, asked in enumerate((range(4), range(4, 6))):
         assert np.load(folder / store.shard_name(shard)).tobytes() == records(hovering, asked).tobytes()
     rows, plain_rows = Dataset(folder), records(scattered, range(6))

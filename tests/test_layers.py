@@ -14,8 +14,8 @@ SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
     types literal timing processes progress config store engine markers geometry matching signals coverage stats
-    recording noise localize rir features metrics mapping simulate plans dataset survey judge hearing classify task training
-    trained tables figures report compare trials curves study bench launch commands cli
+    recording noise localize rir features metrics mapping simulate plans dataset survey judge hearing classify task
+    training trained tables figures report compare trials curves study bench launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 
@@ -48,7 +48,18 @@ OWNERS = {
 }
 """Which parts import each library."""
 
-HEAVY = ("torch", "sklearn", "hydra", "lightning", "pyroomacoustics", "numba", "matplotlib", "onnxruntime", "dask", "distributed")
+HEAVY = (
+    "torch",
+    "sklearn",
+    "hydra",
+    "lightning",
+    "pyroomacoustics",
+    "numba",
+    "matplotlib",
+    "onnxruntime",
+    "dask",
+    "distributed",
+)
 
 
 def part(path: Path) -> str:

@@ -26,6 +26,7 @@ import numpy as np
 
 from echolearn import dataset
 from echolearn.bench import Measurement, Setting, times
+from echolearn.engine.processes import Processes
 from echolearn.geometry import microphone_positions
 from echolearn.plans import Plan, Spot
 from echolearn.processes import processes
@@ -75,7 +76,7 @@ def generator(setting: Setting, workers: int) -> Contestant:
 
     def work() -> None:
         with TemporaryDirectory(dir=setting.place) as place:
-            dataset.generate(setting.plan, runs=Path(place), workers=workers)
+            dataset.generate(setting.plan, runs=Path(place), engine=Processes(workers))
 
     return Contestant(work, warm=False)
 
@@ -129,7 +130,7 @@ def make(plan: Plan, place: Path, workers: int) -> Made:
     """Make a set in a folder of its own, and remove it; memory is that of this process and those it starts."""
     with TemporaryDirectory(dir=place) as folder:
         began = time.perf_counter()
-        made = dataset.generate(plan, runs=Path(folder), workers=workers)
+        made = dataset.generate(plan, runs=Path(folder), engine=Processes(workers))
         seconds = time.perf_counter() - began
         size = sum(path.stat().st_size for path in made.iterdir())
         written = [path.stat().st_mtime_ns * 1e-9 for path in sorted(made.glob("shard-*.npy"))]
