@@ -97,7 +97,7 @@ class Setting:
     workers: int = 2
     repetitions: int = 15
     long_repetitions: int = 3
-    seconds: float = 6.0
+    seconds: float = 4.0
     batch: int = 64
     positions: int = 60
     rows: Sequence[int] = (1000, 3000, 10000)
