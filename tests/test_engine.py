@@ -41,7 +41,9 @@ SMALL = (
 ).split()
 """Six rows in six shards."""
 
-MANY = "plan=tiny plan.step=1.4 plan.shard_rows=4 plan.room.t60=0.4 localizer.azimuths=36".split()
+MANY = (
+    "plan=tiny plan.step=1.4 plan.shard_rows=4 plan.room.t60=0.4 scene.probe.length=10000 localizer.azimuths=36".split()
+)
 """A set that takes two workers a second: 90 rows in 23 shards."""
 
 SOURCE = Path(__file__).parents[1] / "src"
@@ -178,10 +180,10 @@ def address(about: Path) -> str:
 # ---------------------------------------------------------------- the contract
 
 
-def engine(option: str, runs: Path) -> Any:
-    """Return an engine with two workers, as the command line chooses it."""
-    few = ["engine.cores=2", f"runs={runs}"] if option == "dask_slurm" else []
-    [(_, config)] = compose("generate", [f"engine={option}", "workers=2", *few])
+def engine(option: str, runs: Path, workers: int) -> Any:
+    """Return an engine with so many workers, as the command line chooses it."""
+    few = [f"engine.cores={workers}", f"runs={runs}"] if option == "dask_slurm" else []
+    [(_, config)] = compose("generate", [f"engine={option}", f"workers={workers}", *few])
     return build(config["engine"], "engine")
 
 
@@ -194,7 +196,7 @@ def test_every_engine_makes_the_same_set_and_redoes_nothing(
     place = dataset.folder_of(plan, tmp_path)
     store.write_shard(place, 3, dataset.records(plan, range(3, 4)))
     before = (place / store.shard_name(3)).stat().st_mtime_ns
-    assert generated(SMALL, engine(option, tmp_path), tmp_path) == place
+    assert generated(SMALL, engine(option, tmp_path, 2), tmp_path) == place
     assert contents(place) == whole(SMALL)
     assert (place / store.shard_name(3)).stat().st_mtime_ns == before
     assert list(elsewhere.iterdir()) == []
@@ -204,7 +206,7 @@ def test_every_engine_makes_the_same_set_and_redoes_nothing(
 def test_every_engine_raises_the_error_of_the_job_and_cancels_the_others(
     option: str, elsewhere: Path, tmp_path: Path
 ) -> None:
-    jobs = engine(option, tmp_path)(time.sleep, [0.0, -1.0, *[0.5] * 200])
+    jobs = engine(option, tmp_path, 1)(time.sleep, [0.0, -1.0, *[0.5] * 200])
     began = time.monotonic()
     with pytest.raises(ValueError, match="^sleep length must be non-negative$"):
         list(jobs)
@@ -302,6 +304,7 @@ def test_a_worker_that_comes_later_is_asked_by_its_jobs() -> None:
         alone(math.sqrt, versions() | {"numpy": "1.0"}, 4.0)
 
 
+@pytest.mark.filterwarnings("error")
 def test_a_scheduler_of_another_version_is_refused(tmp_path: Path) -> None:
     code = "import importlib.metadata as m; v = m.version; m.version = lambda n: '1.0' if n == 'distributed' else v(n)"
     with scheduler(tmp_path / "about", code), pytest.raises(BadValue, match="here, not 1.0$"):
@@ -319,9 +322,11 @@ def test_the_loss_of_the_scheduler_is_one_error(tmp_path: Path) -> None:
 
 
 def test_a_job_that_kills_its_workers_is_given_up(tmp_path: Path) -> None:
-    with dask.config.set({"distributed.scheduler.allowed-failures": 1}):
-        with pytest.raises(BadValue, match="^engine: a job was lost 2 times with its worker, last on tcp://127") as given:
-            list(Dask(workers=1)(os._exit, [1]))
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        pytest.raises(BadValue, match="^engine: a job was lost 2 times with its worker, last on tcp://127") as given,
+    ):
+        list(Dask(workers=1)(os._exit, [1]))
     assert "\n" not in str(given.value)
 
 

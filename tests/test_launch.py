@@ -20,8 +20,27 @@ HERE: dict[str, Any] = {}
 PROCESSES = {"workers": 2}
 SUBMITTED = {"launcher": ["hydra/launcher=submitit_local", "hydra.launcher.timeout_min=2"]}
 JOBLIB = {"launcher": ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]}
+SLURM = {
+    "launcher": ["hydra/launcher=submitit_slurm", "hydra.launcher.partition=short", "hydra.launcher.timeout_min=2"]
+}
 BASIC = {"launcher": ["hydra/launcher=basic"]}
-EVERYWHERE = {"here": HERE, "processes": PROCESSES, "basic": BASIC, "joblib": JOBLIB, "submitit": SUBMITTED}
+EVERYWHERE = {
+    "here": HERE,
+    "processes": PROCESSES,
+    "basic": BASIC,
+    "joblib": JOBLIB,
+    "submitit": SUBMITTED,
+    "slurm": SLURM,
+}
+
+
+@pytest.fixture(autouse=True)
+def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Put a SLURM on the path that runs its jobs on this machine; return where it keeps them."""
+    home = tmp_path.with_name(f"{tmp_path.name}-slurm")
+    monkeypatch.setenv("PATH", f"{Path(__file__).parent / 'slurm'}:{os.environ['PATH']}")
+    monkeypatch.setenv("SLURM_HOME", str(home))
+    return home
 
 
 @pytest.mark.parametrize("where", EVERYWHERE)
@@ -78,6 +97,17 @@ def test_a_traceback_comes_from_where_the_error_arose(capsys: pytest.CaptureFixt
 def test_a_job_without_a_result_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     run_all(os.getenv, [("none", "NO_SUCH_VARIABLE")])
     assert capsys.readouterr() == ("", "")
+
+
+def test_slurm_is_asked_for_an_array_of_jobs_of_one_thread(
+    tmp_path: Path, slurm: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    run_all(os.getenv, [("a", "OMP_NUM_THREADS"), ("b", "SLURM_ARRAY_TASK_ID")], place=tmp_path, **SLURM)
+    assert capsys.readouterr().out.split() == ["1", "1"]
+    [script] = slurm.glob("*.sh")
+    asked = set(script.read_text().splitlines())
+    assert asked >= {"#SBATCH --array=0-1%2", "#SBATCH --partition=short", "#SBATCH --time=2", "#SBATCH --nodes=1"}
 
 
 def test_a_launcher_that_is_not_there_is_one_mistake_of_the_command_line(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import logging
 import re
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -111,13 +112,15 @@ def installed(name: str) -> Iterator[None]:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Let Dask log nothing in this process."""
+    """Let Dask log nothing in this process, and warn of nothing."""
     loggers = [logging.getLogger(name) for name in LOGGERS]
     before = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.CRITICAL + 1)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", module=r"distributed\.")
+            yield
     finally:
         for logger, level in zip(loggers, before, strict=True):
             logger.setLevel(level)
@@ -174,12 +177,12 @@ def connected(name: str, address: str, *, timeout: float) -> Iterator["Client"]:
     with dask.config.set({"distributed.comm.timeouts.connect": timeout}):
         try:
             client = distributed.Client(address, timeout=timeout, set_as_default=False)
-            theirs = client.get_versions()["scheduler"]["packages"]["distributed"]
-        except (OSError, KeyError) as error:
+            found: Any = client.get_versions()
+        except OSError as error:
             allowed = f"a Dask scheduler that answers within {timeout:g} s"
             raise BadValue(f"{name}={address}: {allowed}; is it running, and is the port right?") from error
         with client:
-            ours = distributed.__version__
+            ours, theirs = distributed.__version__, found["scheduler"]["packages"]["distributed"]
             check(theirs == ours, name, address, allowed=f"distributed {ours} as here, not {theirs}")
             if not examine(client):
                 print(f"{name}={address}: no workers yet, waiting for the first", file=sys.stderr, flush=True)
