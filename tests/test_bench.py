@@ -4,7 +4,10 @@ import csv
 import json
 import re
 import shutil
+import signal
+import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -226,6 +229,19 @@ def test_the_command_replaces_what_an_earlier_or_a_killed_one_left(
     assert {path.name for path in folder.iterdir()} == names
     assert list((folder / "figures").iterdir()) == []
     assert main(["verify", str(folder)]) == 0
+
+
+def test_an_interrupt_ends_it_in_the_middle_of_a_stage(tmp_path: Path) -> None:
+    words = ["bench", "stages=[rows]", "rows=[100000]", f"runs={tmp_path}"]
+    command = [sys.executable, "-m", "echolearn.cli", *words]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not list(tmp_path.glob("bench/.scratch-*/*/data/*")):
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        err = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert "\nerror: interrupted" in err
+    assert not (tmp_path / "bench" / store.MANIFEST).exists()
 
 
 # ---------------------------------------------------------------- localizers

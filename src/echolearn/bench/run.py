@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import isnan
+from multiprocessing import active_children
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -99,7 +100,7 @@ def bench(
     for killed in folder.glob(f"{SCRATCH}*"):
         shutil.rmtree(killed, ignore_errors=True)
     folder.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=folder, prefix=SCRATCH) as place:
+    with TemporaryDirectory(dir=folder, prefix=SCRATCH, ignore_cleanup_errors=True) as place:
         wanted = [stage for stage in STAGES if stage in stages]
         found, failed = measured(wanted, replace(setting, place=Path(place)))
     machine = describe(load_before=before)
@@ -122,6 +123,10 @@ def measured(stages: Sequence[str], setting: Setting) -> tuple[list[Measurement]
             print(f"bench {stage}", file=sys.stderr, flush=True)
             try:
                 found += pool.submit(_run, stage, setting).result()
+            except KeyboardInterrupt:
+                for worker in active_children():
+                    worker.terminate()  # a stage takes minutes; its own processes end with it
+                raise
             except Exception as error:
                 failed.append(stage)
                 print(f"bench {stage}: {type(error).__name__}: {store.one_line(error)}", file=sys.stderr, flush=True)
