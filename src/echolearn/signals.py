@@ -7,7 +7,6 @@ sums of the paper (Eqs. 10-13) without approximation.
 
 import numpy as np
 from scipy import fft
-from scipy.signal import oaconvolve
 
 from echolearn.types import Array, Probe, check, check_number, check_whole
 
@@ -117,6 +116,8 @@ def whiten(samples: Array, psd: Array) -> Array:
     alike are late alike, so lags between them stay what they were, and a correlation of the two is
     ifft(Y conj(S) / psd).
     """
+    from scipy.signal import oaconvolve  # takes half a second to import, and most noise is white
+
     taps = whitening_taps(psd)
     return oaconvolve(samples, np.broadcast_to(taps, (*samples.shape[:-1], len(taps))), axes=-1)
 
