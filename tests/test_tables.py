@@ -128,6 +128,21 @@ class TestWalks:
         )
         assert found[0]["attainable"] == 0.5
 
+    def test_what_a_classifier_saves_of_each_localizer(self) -> None:
+        whole = [
+            row(name, source, f"{walk}/{localizer}", value, metric=metric, snr_db=tables.snr_of(heard))
+            for (walk, localizer), heard in self.HEARD.items()
+            for name, source, value in (("one", "set", 0.75), ("two", "set", 0.5), ("one", "other", 0.25))
+            for metric in ("precision", "true_retention", "f1")
+        ]
+        found = tables.saved(whole, bare(heard=self.HEARD), source="set", best="one")
+        assert [(line["room"], line["localizer"], list(line["cells"])) for line in found] == [
+            ("8x6x5", "gated", ["10", "-5", "0"]), ("8x6x5", "snls", ["-5"]), ("13x11x5", "gated", ["0"])
+        ]  # fmt: skip
+        precision, retention = found[1]["cells"]["-5"]
+        assert (precision["metric"], retention["metric"]) == ("precision", "true_retention")
+        assert precision["value"] == retention["value"] == 0.75
+
     def test_a_line_has_its_metrics_and_its_test_against_the_threshold(self) -> None:
         whole = [row(name, "set", "a_0dB/gated", 0.5, metric=m) for name in ("one", "two") for m in ("f1", "precision")]
         whole += [row("oracle", "-", "a_0dB/gated", 1.0, metric="f1"), row("one", "other", "a_0dB/gated", 0.9)]

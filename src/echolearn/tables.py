@@ -94,6 +94,7 @@ def gather(contest: Comparison, *, source: str, best: str) -> dict[str, Any]:
         "worst": worst_off_grid(whole, source),
         "away": away(contest),
         "directions": directions(whole, contest),
+        "saved": saved(whole, contest, source=source, best=best),
         "generalisation": generalisation(whole, contest),
         "protocol": protocol(contest),
         "leak": leak(whole),
@@ -190,6 +191,17 @@ def directions(whole: Sequence[Row], contest: Comparison) -> list[dict[str, Any]
         [row] = pick(whole, tested_on=f"{walk}/{localizer}", classifier="keep_everything", metric="precision")
         line["share"][row["snr_db"]] = row
     return [{"room": room, "localizer": localizer, **line} for (room, localizer), line in lines.items()]
+
+
+def saved(whole: Sequence[Row], contest: Comparison, *, source: str, best: str) -> list[dict[str, Any]]:
+    """Return, for each room and localizer, what a classifier leaves at each SNR: precision and true retention."""
+    lines: dict[tuple[str, str], dict[str, Any]] = {}
+    for walk, localizer in contest.heard:
+        here = pick(whole, tested_on=f"{walk}/{localizer}", trained_on=source, classifier=best)
+        cells = {row["metric"]: row for row in here}
+        line = lines.setdefault((room_of(walk), localizer), {})
+        line[cells["precision"]["snr_db"]] = (cells["precision"], cells["true_retention"])
+    return [{"room": room, "localizer": localizer, "cells": line} for (room, localizer), line in lines.items()]
 
 
 def away(contest: Comparison) -> str:
