@@ -87,3 +87,9 @@ def contest(world: small.World) -> Comparison:
 def compared(world: small.World) -> Path:
     """Return the folder of the world's comparison, made by one process; not to be changed."""
     return compare(name="small", workers=1, **world.arguments)
+
+
+@pytest.fixture(scope="session")
+def packed(world: small.World, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the bundle of the world's trees; not to be changed."""
+    return small.pack(world, "trees_features", tmp_path_factory.mktemp("packed"))

@@ -121,8 +121,9 @@ class TestContract:
         assert torch.equal(before[0], torch.get_rng_state()) and (before[1] == np.random.get_state()[1]).all()
 
     def test_file_computes_the_same_confidences(self, calibrated: Calibrated, exported: bytes) -> None:
-        x = problem(calibrated.classifier.inputs, rows=2000, seed=5)[0]
+        x = problem(calibrated.classifier.inputs, rows=9933, seed=5)[0]
         x = np.concatenate([x, onnx_model.extremes(x)])
+        assert len(x) == 10_000
         score = onnx_model.open_onnx(exported)
         difference = np.abs(score(x) - calibrated.confidence(x))
         assert np.isfinite(difference).all() and difference.max() <= 1e-5

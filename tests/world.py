@@ -12,6 +12,7 @@ from typing import Any
 from echolearn import config, judge, store, training
 from echolearn.compare import Walk, judge_set, judge_walk
 from echolearn.dataset import FORMAT, Dataset, folder_of, plain, records
+from echolearn.export import export
 from echolearn.geometry import SearchWindow, circular_array
 from echolearn.localize.gated import Gated
 from echolearn.localize.snls import Snls
@@ -114,6 +115,14 @@ def make(runs: Path) -> World:
     localizers = {"gated": Gated(window, 36), "snls": Snls(window, 36)}
     arguments = {"tested": list(sets), "surveys": list(WALKS), "localizers": localizers, "resamples": 50}
     return World(runs, sets, arguments | {"runs": runs})
+
+
+def pack(world: World, classifier: str, runs: Path, **changes: Any) -> Path:
+    """Export the first run of a classifier on the scattered set."""
+    run = next((world.runs / "train").glob(f"{classifier}-scattered-s0-*"), None)
+    scene = plans()[0].scene
+    arguments = {"run": run, "best": None, "array": scene.array, "probe": scene.probe, "resamples": 30, "name": "small"}
+    return export(**arguments | {"runs": runs} | changes)
 
 
 def judged(world: World) -> Comparison:

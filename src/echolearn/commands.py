@@ -106,11 +106,27 @@ def localizers(plan: str) -> dict[str, Any]:
     return {job["choice"]["localizer"]: build(job["localizer"], "localizer") for _, job in jobs}
 
 
+def export(config: Config) -> Path:
+    """Make a trained run a bundle: a folder that a robot loads with numpy and onnxruntime alone."""
+    from echolearn.config import build
+    from echolearn.export import export as pack
+
+    run, best = (Path(config[key]) if config[key] else None for key in ("run", "best"))
+    carried = {key: build(config["scene"][key], f"scene.{key}") for key in ("array", "probe")}
+    rest = {key: config[key] for key in ("name", "resamples", "command")}
+    return pack(run=run, best=best, runs=Path(config["runs"]), **carried, **rest)
+
+
 def verify(folder: str) -> str:
-    """Re-prove finished folders: the size and checksum of every file."""
+    """Re-prove finished folders: every file's size and checksum; of a bundle, also what its model computes."""
     from echolearn import store
 
-    return f"{folder}: whole, {len(store.verify(Path(folder))['files'])} files"
+    place = Path(folder)
+    if (place / store.BUNDLE).is_file():
+        from echolearn.deploy import prove
+
+        return f"{folder}: {prove(place)}"
+    return f"{folder}: whole, {len(store.verify(place)['files'])} files"
 
 
 COMMANDS: dict[str, Callable[[Config], Path | None]] = {
@@ -120,4 +136,5 @@ COMMANDS: dict[str, Callable[[Config], Path | None]] = {
     "compare": compare,
     "study": study,
     "bench": bench,
+    "export": export,
 }

@@ -45,6 +45,14 @@ COLUMNS = (
     "toa score peak_to_rms second_to_first gain gain_delay power power_ratio coherence joint joint_max "
     "joint_ratio joint_score joint_lag gated_ratio azimuth elevation azimuth_mpdr"
 ).split()
+UNITS = {
+    **dict.fromkeys(COLUMNS, "1"),
+    **dict.fromkeys(("power", "power_ratio", "gated_ratio"), "dB"),
+    **dict.fromkeys(("azimuth", "elevation", "azimuth_mpdr"), "rad"),
+    **{"toa": "s", "gain_delay": "m", "joint_lag": "samples"},
+}
+"""Unit of each column."""
+
 TENSORS = ("covariance", "covariance_gated", "covariance_steered")
 
 

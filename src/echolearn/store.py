@@ -30,7 +30,8 @@ from echolearn.types import Array, BadValue
 
 MANIFEST = "manifest.json"
 METRICS = "metrics.json"
-"""A folder is finished when it has one of the two: a manifest, or the metrics of a trained run."""
+BUNDLE = "bundle.json"
+"""A folder is finished when it has one of the three: a manifest, the metrics of a trained run, or a bundle's."""
 
 MEND = "make it again as it was made"
 """What to do about a damaged file whose manifest names no `command`."""
@@ -203,7 +204,7 @@ def finish(folder: Path, about: Mapping[str, Any], files: Iterable[str], *, last
         folder: where the files are.
         about: what describes them; the key `command`, if any, is what `verify` advises against damage.
         files: their names, relative to `folder`.
-        last: name of the manifest, `MANIFEST` or `METRICS`.
+        last: name of the manifest, `MANIFEST`, `METRICS` or `BUNDLE`.
 
     Returns:
         The manifest.
@@ -225,14 +226,14 @@ def stamped(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def load_manifest(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a finished folder, or a run's metrics, proved against its own checksum.
+    """Return the manifest of a finished folder, or a run's metrics or bundle's, proved against its own checksum.
 
     Raises:
         BadValue: the folder is not finished, or the manifest is damaged.
     """
-    last = [path for path in (Path(folder) / MANIFEST, Path(folder) / METRICS) if path.is_file()]
+    last = [path for path in (Path(folder) / name for name in (MANIFEST, METRICS, BUNDLE)) if path.is_file()]
     if not last:
-        raise BadValue(f"{folder}: not finished, there is no {MANIFEST} or {METRICS}; {MEND}")
+        raise BadValue(f"{folder}: not finished, there is no {MANIFEST}, {METRICS} or {BUNDLE}; {MEND}")
     found = load_json(last[0])
     manifest = stamped(found if isinstance(found, dict) else {})
     if "files" not in manifest or readable(manifest) != last[0].read_bytes():

@@ -71,8 +71,15 @@ class Run:
 
     def confidence(self, columns: Mapping[str, Array]) -> Array:
         """Return the belief in a reflector, shape (B,), from named columns (B, ...)."""
+        return self.answer(self.inputs_of(columns))
+
+    def inputs_of(self, columns: Mapping[str, Array]) -> Array:
+        """Return what the classifier looks at, shape (B, K) or (B, bands, M * M), from named columns (B, ...)."""
         tensor = view_of(self.inputs) == COVARIANCE
-        x = columns[self.inputs[0]] if tensor else np.stack([columns[name] for name in self.inputs], axis=1)
+        return columns[self.inputs[0]] if tensor else np.stack([columns[name] for name in self.inputs], axis=1)
+
+    def answer(self, x: Array) -> Array:
+        """Return the belief in a reflector, shape (B,), from raw inputs (B, ...)."""
         return np.asarray(load_scorer(self.folder)(x), dtype=float)
 
 

@@ -1,0 +1,255 @@
+"""What a robot runs: a bundle, read and proved, as a function from echoes to confidences and from recordings to maps.
+
+    scorer = load("runs/bundles/best")
+    scorer(inputs)                      # (B, K) columns or (B, bands, M * M) tensors -> confidences (B,)
+    scorer.update(observation, pose)    # a recording (M, N) -> the map points to believe, new ones only
+    scorer.listen(observation, poses)   # recordings (B, M, N) -> all echoes, believed or not
+
+    recording --localizer--> echoes --features--> inputs --model.onnx--> confidence --threshold--> points
+
+Needs numpy, scipy and onnxruntime. `load` replays the bundle's 32 golden inputs and refuses a model that answers
+otherwise here, so what was judged in the laboratory is what runs on the robot. It computes on one core, in an arena
+of limited size, without folding constants beforehand: a model that asks for more memory or time than any classifier
+needs is refused instead of served.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from threading import Timer
+
+import numpy as np
+import onnxruntime
+
+from echolearn import bundle, features, store
+from echolearn.localize.matched import Matched
+from echolearn.mapping import echo_map
+from echolearn.types import Array, BadValue, Echoes, EchoMap, Observation, Pose, check
+
+TOLERANCE = 1e-5
+"""Largest difference in confidence between two machines."""
+
+BLOCK = 4096
+"""Inputs scored at once."""
+
+MEMORY = 256 << 20
+"""Bytes that a model may use while it computes."""
+
+PATIENCE = 3.0
+"""Seconds that the golden inputs may take; a classifier takes milliseconds."""
+
+APART = 1e-3
+"""m by which a microphone may be elsewhere than in the bundle."""
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What recordings of B poses hold.
+
+    Attributes:
+        echoes: fields (B, R), robot frame.
+        map: their B * R points, pose by pose, with confidences, and kept by the bundle's threshold.
+    """
+
+    echoes: Echoes
+    map: EchoMap
+
+
+@dataclass(frozen=True)
+class Scorer:
+    """A bundle at work.
+
+    Attributes:
+        bundle: what it was loaded from.
+        compute: float32 inputs (B, *shape) to confidences (B,).
+    """
+
+    bundle: bundle.Bundle
+    compute: Callable[[Array], Array]
+
+    def __call__(self, inputs: Array) -> Array:
+        """Return the belief in each echo, 0 to 1, shape (B,).
+
+        Args:
+            inputs: the bundle's columns in its order and units, shape (B, K), or its tensor, (B, bands, M * M).
+
+        Raises:
+            BadValue: the wrong shape, or a value that is not finite in float32.
+        """
+        x, names = np.asarray(inputs), ", ".join(self.bundle.inputs)
+        expected = (len(x) if x.ndim else 0, *self.bundle.shape)
+        check(x.shape == expected, "inputs.shape", x.shape, allowed=f"(B, {str(expected[1:])[1:]} of {names}")
+        with np.errstate(over="ignore", invalid="ignore"):
+            x = np.ascontiguousarray(x, dtype=np.float32)
+        finite = bool(np.isfinite(x).all())
+        check(finite, "inputs", "NaN or infinity", allowed="finite numbers", hint="was a silent recording analysed?")
+        blocks = [self.compute(x[start : start + BLOCK]) for start in range(0, len(x), BLOCK)]
+        return np.concatenate([np.empty(0), *blocks])
+
+    def listen(self, observation: Observation, poses: Sequence[Pose]) -> Heard:
+        """Find, judge and place the echoes of B poses.
+
+        Args:
+            observation: samples (B, M, N), the direct path removed.
+            poses: B poses, where each was heard.
+
+        Raises:
+            BadValue: another array, sample rate or probe than the bundle's, or a recording that cannot be analysed.
+        """
+        self.check(observation)
+        echoes = self.bundle.localizer(observation)
+        matched = Matched(observation, self.bundle.localizer.window)
+        confidence = np.stack(
+            [self(self._inputs(matched, _only(echoes, r))) for r in range(echoes.toa.shape[1])], axis=1
+        )
+        c, array = observation.speed_of_sound, observation.array
+        found = echo_map(echoes, poses, array=array, confidence=confidence, speed_of_sound=c)
+        return Heard(echoes, replace(found, kept=found.confidence >= self.bundle.threshold))
+
+    def update(self, observation: Observation, pose: Pose) -> EchoMap:
+        """Return the points that one recording adds to the map: those of echoes that are believed.
+
+        Args:
+            observation: samples (M, N), the direct path removed.
+            pose: where it was recorded.
+
+        Raises:
+            BadValue: as `listen`.
+        """
+        alone = replace(observation, samples=np.asarray(observation.samples)[None])
+        found = self.listen(alone, [pose]).map
+        kept = np.asarray(found.kept)
+        return EchoMap(found.points[kept], found.confidence[kept], kept[kept], found.poses[kept])
+
+    def check(self, observation: Observation) -> None:
+        """Raise `BadValue` unless a recording was made with the bundle's array, sample rate and probe."""
+        expected, array, probe = self.bundle, observation.array, observation.probe
+        rate = expected.probe.sample_rate
+        hint = f"resample with resample=true, or: sox in.wav -r {rate:g} out.wav"
+        said = f"bundle expects sample_rate={rate:g} Hz, survey has {probe.sample_rate:g} Hz"
+        if probe.sample_rate != rate:
+            raise BadValue(f"{said}; {hint}")
+        check(
+            len(array) == len(expected.array), "microphones", len(array), allowed=f"{len(expected.array)}, the bundle's"
+        )
+        off = float(np.linalg.norm(array.positions - expected.array.positions, axis=1).max())
+        allowed = f"at most {APART * 1000:g} mm from where the bundle's are"
+        hint = "an array of another shape needs a classifier trained for it; are the microphones in the same order?"
+        check(off <= APART, "microphones", f"one is off by {off * 1000:.1f} mm", allowed=allowed, hint=hint)
+        channels = np.shape(observation.samples)[-2:-1]
+        check(channels == (len(array),), "samples", f"{channels} channels", allowed=f"{len(array)}, one per microphone")
+        likeness = _likeness(probe.samples, expected.probe.samples)
+        hint = "play the bundle's probe.wav, or train with yours"
+        check(
+            likeness > 0.999,
+            "probe",
+            f"correlates {likeness:.3f} with the bundle's",
+            allowed="the same burst",
+            hint=hint,
+        )
+
+    def _inputs(self, matched: Matched, echoes: Echoes) -> Array:
+        """Return what the model looks at, of one echo per recording."""
+        columns, names = features.describe(matched, echoes), self.bundle.inputs
+        return columns[names[0]] if self.bundle.is_tensor else np.stack([columns[name] for name in names], axis=1)
+
+
+def load(path: str | Path) -> Scorer:
+    """Return the scorer of a bundle, after replaying its golden inputs.
+
+    Args:
+        path: folder of the bundle; nothing in it is trusted.
+
+    Raises:
+        BadValue: the bundle is damaged or not allowed, or computes something else here than where it was made.
+    """
+    read = bundle.read(Path(path))
+    name = f"{path}/model.onnx"
+    options = onnxruntime.RunOptions()
+    timer = Timer(PATIENCE, setattr, (options, "terminate", True))
+    timer.daemon = True
+    timer.start()
+    try:
+        compute = _open(read, name, options)
+        x, expected = read.golden
+        difference = np.abs(compute(x) - expected)
+    finally:
+        timer.cancel()
+    hint = "this machine computes something else than the one that made the bundle"
+    shown = f"golden confidences differ by {difference.max():.2g}"
+    check(bool((difference <= TOLERANCE).all()), name, shown, allowed=f"at most {TOLERANCE:g}", hint=hint)
+    return Scorer(read, compute)
+
+
+def prove(path: Path) -> str:
+    """Return what there is to say of a sound bundle.
+
+    Raises:
+        BadValue: as `load`, with what mends it: the command that made it, where it still tells.
+    """
+    try:
+        about = load(path).bundle.about
+    except BadValue as error:
+        try:
+            mend = store.advice(store.load_manifest(path))
+        except BadValue:
+            mend = "export it again"
+        raise BadValue(f"{str(error).removesuffix(f'; {store.MEND}')}; {mend}, or copy it again") from None
+    return f"whole, {len(about['files'])} files; {about['classifier']}, {bundle.GOLDEN} golden confidences reproduced"
+
+
+def _open(read: bundle.Bundle, name: str, run: onnxruntime.RunOptions) -> Callable[[Array], Array]:
+    """Return the function that a bundle's model computes; every complaint of onnxruntime's becomes a `BadValue`."""
+    _limit_memory()
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    options.add_session_config_entry("session.use_env_allocators", "1")
+    options.add_session_config_entry("session.load_model_format", "ONNX")
+    cpu, skipped = ["CPUExecutionProvider"], ["ConstantFolding"]
+    try:
+        session = onnxruntime.InferenceSession(read.model, options, providers=cpu, disabled_optimizers=skipped)
+        ends = [(end.name, end.type, len(end.shape)) for end in (*session.get_inputs(), *session.get_outputs())]
+    except Exception as error:  # onnxruntime's own kinds have no common ancestor
+        raise BadValue(f"{name}: onnxruntime refuses it ({_short(error)})") from None
+    wanted = [("x", "tensor(float)", 1 + len(read.shape)), ("confidence", "tensor(double)", 1)]
+    check(ends == wanted, name, ends, allowed=f"{wanted}")
+
+    def compute(x: Array) -> Array:
+        try:
+            confidence = np.asarray(session.run(["confidence"], {"x": x}, run)[0])
+        except Exception as error:
+            raise BadValue(f"{name}: cannot be computed ({_short(error)})") from None
+        right = confidence.shape == (len(x),) and bool(((confidence >= 0) & (confidence <= 1)).all())
+        check(right, f"{name} confidence", f"of shape {confidence.shape}", allowed=f"{len(x)} numbers from 0 to 1")
+        return confidence
+
+    return compute
+
+
+@cache
+def _limit_memory() -> None:
+    """Let all sessions of this process that ask for it share one arena of `MEMORY` bytes."""
+    kind, place = onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, onnxruntime.OrtMemType.DEFAULT
+    arena = onnxruntime.OrtArenaCfg({"max_mem": MEMORY, "arena_extend_strategy": 1})
+    with suppress(Exception):  # there is one already: the host program's
+        onnxruntime.create_and_register_allocator(onnxruntime.OrtMemoryInfo("Cpu", kind, 0, place), arena)
+
+
+def _short(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200]
+
+
+def _only(echoes: Echoes, r: int) -> Echoes:
+    """Return echo number r of each recording, fields (B, 1)."""
+    names = ("toa", "score", "gain", "azimuth", "elevation", "power")
+    return Echoes(*(getattr(echoes, name)[:, r : r + 1] for name in names))
+
+
+def _likeness(first: Array, second: Array) -> float:
+    """Return the normalised correlation of two bursts, 0 if one is much longer."""
+    n = max(len(first), len(second))
+    a, b = (np.pad(burst, (0, n - len(burst))) for burst in (first, second))
+    return float(a @ b / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300))
