@@ -16,8 +16,8 @@ from echolearn.types import BadValue
 ROWS = 10_000_000
 NODE_CORES = 32
 HOURS = (1, 4, 12, 24)
-SHARD_ROWS = 4096
-"""The largest shard a plan allows: ten million rows in a few thousand files."""
+SHARD_ROWS = 256
+"""Rows of a shard, all of whose recordings a worker holds: in more there are fewer files, and more memory is needed."""
 
 
 def outlook(found: Sequence[Measurement], machine: Mapping[str, Any], *, workers: int) -> str:
