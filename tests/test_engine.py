@@ -196,7 +196,8 @@ def test_every_engine_makes_the_same_set_and_redoes_nothing(
     place = dataset.folder_of(plan, tmp_path)
     store.write_shard(place, 3, dataset.records(plan, range(3, 4)))
     before = (place / store.shard_name(3)).stat().st_mtime_ns
-    assert generated(SMALL, engine(option, tmp_path, 2), tmp_path) == place
+    workers = 1 if option == "dask_slurm" else 2
+    assert generated(SMALL, engine(option, tmp_path, workers), tmp_path) == place
     assert contents(place) == whole(SMALL)
     assert (place / store.shard_name(3)).stat().st_mtime_ns == before
     assert list(elsewhere.iterdir()) == []
