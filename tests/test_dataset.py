@@ -260,6 +260,17 @@ def test_a_recording_is_known_by_its_samples_not_by_its_place(hovering: Scattere
 # ---------------------------------------------------------------- generate
 
 
+def test_a_long_shard_is_computed_in_blocks(monkeypatch: pytest.MonkeyPatch, plan: GridPlan, tmp_path: Path) -> None:
+    whole = records(plan, range(len(plan)))
+    monkeypatch.setattr(dataset, "BLOCK", 3)
+    long = replace(plan, shard_rows=len(plan) + 5)
+    [shard] = generate(long, runs=tmp_path, engine=Serial()).glob("*.npy")
+    found = np.load(shard)
+    assert found.dtype == whole.dtype
+    assert (found["snr_db"] == whole["snr_db"]).all() and (found["toa"] == whole["toa"]).all()
+    np.testing.assert_allclose(found["joint"], whole["joint"], rtol=1e-5)
+
+
 def test_any_number_of_workers_gives_the_same_bytes(finished: Path, plan: GridPlan, tmp_path: Path) -> None:
     two = generate(plan, runs=tmp_path, engine=Processes(2))
     assert two.name == finished.name

@@ -40,6 +40,9 @@ FORMAT = 1
 TOLERANCE_SAMPLES = 10
 MAP_TOLERANCE = 0.10
 
+BLOCK = 64
+"""Rows whose recordings are held at a time, 4.5 MB each with all that is computed from them."""
+
 PATIENCE = 60.0
 """Seconds until a file that another machine wrote must be seen."""
 
@@ -121,8 +124,9 @@ def _simulate(plan: Plan, folder: Path, missing: list[int], *, done: int, engine
 def _write(plan: Plan, mark: Path, shard: int) -> None:
     """Write one shard beside the mark by which a worker knows the folder."""
     check(mark.is_file(), "runs", mark.parent, allowed=SHARED)
-    start = shard * plan.shard_rows
-    store.write_shard(mark.parent, shard, records(plan, range(start, min(start + plan.shard_rows, len(plan)))))
+    rows = range(len(plan))[shard * plan.shard_rows :][: plan.shard_rows]
+    blocks = [records(plan, rows[start : start + BLOCK]) for start in range(0, len(rows), BLOCK)]
+    store.write_shard(mark.parent, shard, np.concatenate(blocks))
 
 
 def _await(paths: list[Path]) -> None:

@@ -45,7 +45,7 @@ class GridPlan:
         window: where echoes are sought.
         scene: what the robot carries.
         localizer: estimates the echoes.
-        shard_rows: rows simulated and stored together.
+        shard_rows: rows stored in one file.
         sdnr_db: range of a uniform SDNR per row if the scene has diffuse noise, else None.
     """
 
@@ -115,7 +115,7 @@ class ScatteredPlan:
         window: where echoes are sought.
         scene: what the robot carries.
         localizer: estimates the echoes.
-        shard_rows: rows simulated and stored together.
+        shard_rows: rows stored in one file.
         sdnr_db: range of a uniform SDNR if the scene has diffuse noise, else None.
     """
 

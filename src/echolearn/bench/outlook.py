@@ -16,8 +16,8 @@ from echolearn.types import BadValue
 ROWS = 10_000_000
 NODE_CORES = 32
 HOURS = (1, 4, 12, 24)
-SHARD_ROWS = 256
-"""Rows of a shard, all of whose recordings a worker holds: in more there are fewer files, and more memory is needed."""
+SHARD_ROWS = 1024
+"""Rows of a shard: in more there are fewer files, and more is lost with a killed worker."""
 
 
 def outlook(found: Sequence[Measurement], machine: Mapping[str, Any], *, workers: int) -> str:
