@@ -14,17 +14,18 @@ SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
     types literal timing processes progress config store engine markers geometry matching signals coverage stats
-    recording noise localize rir features metrics mapping guard bundle deploy simulate plans dataset survey judge
-    hearing classify task training trained tables figures report compare trials curves study export bench launch
-    commands cli
+    direct recording noise localize rir features metrics mapping guard bundle deploy lines mapfiles cartography
+    simulate plans dataset survey judge hearing classify task training trained tables figures report compare trials
+    curves study export bench launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 
 ROBOT = {
     *"types store geometry matching signals coverage recording localize features metrics mapping guard".split(),
-    *"bundle deploy".split(),
+    *"bundle deploy progress direct lines mapfiles cartography".split(),
 }
-"""Parts that run on a robot: numpy and scipy, YAML where surveys are read, onnxruntime where bundles are loaded."""
+"""Parts that run on a robot: numpy and scipy, YAML where surveys are read, onnxruntime where bundles are loaded, and
+rich for bars where it is installed."""
 
 OWNERS = {
     "hydra": {"config", "launch"},
@@ -102,7 +103,7 @@ def test_imports_go_downwards_only() -> None:
 def test_what_runs_on_a_robot_imports_only_what_runs_on_a_robot() -> None:
     assert {(a, b) for a, b in EDGES if a in ROBOT and b not in ROBOT} == set()
     libraries = {(a, name) for a, name in LIBRARIES if a in ROBOT and name not in sys.stdlib_module_names}
-    assert {name for _, name in libraries} <= {"numpy", "scipy", "yaml", "onnxruntime"}
+    assert {name for _, name in libraries} <= {"numpy", "scipy", "yaml", "onnxruntime", "rich"}
 
 
 def test_classifiers_know_nothing_of_rooms_and_recordings() -> None:
@@ -134,7 +135,7 @@ def loaded(code: str) -> set[str]:
 
 
 def test_the_robots_parts_load_no_heavy_library() -> None:
-    light = ROBOT - {"deploy", "recording"}
+    light = ROBOT - {"deploy", "recording", "cartography"}
     names = [".".join(p.relative_to(SOURCE.parent).with_suffix("").parts) for p in FILES if part(p) in light]
     assert loaded("import " + ", ".join(name.removesuffix(".__init__") for name in names)) == set()
 

@@ -91,9 +91,8 @@ def explain(command: str) -> str:
     if command == "verify":
         return f"usage: echolearn verify <folder> ...\n\n{verify.__doc__}"
     head, _, keys = (config.folder() / f"{command}.yaml").read_text().partition("\n\n")
-    groups = [
-        line.strip(" -").partition(":")[0].partition("@")[0] for line in head.split("defaults:\n")[1].splitlines()
-    ]
+    listed = head.partition("defaults:\n")[2].splitlines()
+    groups = [line.strip(" -").partition(":")[0].partition("@")[0] for line in listed]
     options = {
         g: ", ".join(sorted(path.stem for path in (config.folder() / g).glob("*.yaml")))
         for g in groups
@@ -101,7 +100,8 @@ def explain(command: str) -> str:
     }
     lines = [f"  {group:12}{names}" for group, names in options.items()]
     usage = f"usage: echolearn {command} [key=value ...] [-m]\n\n{COMMANDS[command].__doc__}"
-    return f"{usage}\n\ngroups, as in {command} group=option:\n" + "\n".join(lines) + f"\n\nkeys:\n\n{keys}"
+    chosen = f"\n\ngroups, as in {command} group=option:\n" + "\n".join(lines) if lines else ""
+    return f"{usage}{chosen}\n\nkeys:\n\n{keys}"
 
 
 def verify_all(folders: Sequence[str], *, trace: bool) -> None:

@@ -117,6 +117,18 @@ def export(config: Config) -> Path:
     return pack(run=run, best=best, runs=Path(config["runs"]), **carried, **rest)
 
 
+def draw(config: Config) -> Path:
+    """Map a recorded survey with a bundle: points, walls, an occupancy grid, a drawing."""
+    from echolearn.cartography import draw as chart
+    from echolearn.types import check
+
+    for key, hint in (("survey", "a folder in the recorded-survey format"), ("bundle", "a folder of echolearn export")):
+        check(bool(config[key]), key, config[key], allowed=hint, hint=f"name it: echolearn map {key}=<folder>")
+    survey, bundle, runs = (Path(config[key]) for key in ("survey", "bundle", "runs"))
+    rest = {key: config[key] for key in ("name", "resolution", "command")}
+    return chart(survey=survey, bundle=bundle, runs=runs, **rest)
+
+
 def verify(folder: str) -> str:
     """Re-prove finished folders: every file's size and checksum; of a bundle, also what its model computes."""
     from echolearn import store
@@ -137,4 +149,5 @@ COMMANDS: dict[str, Callable[[Config], Path | None]] = {
     "study": study,
     "bench": bench,
     "export": export,
+    "map": draw,
 }

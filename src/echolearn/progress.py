@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from importlib.util import find_spec
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -22,7 +23,7 @@ def track(items: Iterable[T], title: str, *, total: int | None = None, unit: str
         done: how many of them were finished earlier.
     """
     total = done + len(items) if total is None else total  # type: ignore[arg-type]
-    show = bar if sys.stderr.isatty() else lines
+    show = bar if sys.stderr.isatty() and find_spec("rich") else lines
     return show(items, title, total=total, unit=unit, done=done)
 
 

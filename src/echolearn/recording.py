@@ -1,7 +1,8 @@
 """The recorded-survey format: a folder by which real robots and simulated ones come in through the same door.
 
     survey.yaml          sample_rate, speed_of_sound, microphones (M x 3, m, robot frame), loudspeaker (3, m),
-                         direct_path: removed | present, optional walls: outline (C x 2, m) for scoring,
+                         direct_path: removed | present (it is removed when read, `direct.py`),
+                         optional walls: outline (C x 2, m) for scoring,
                          optional conditions: whatever is known of how it was recorded (snr_db, noise, ...)
     probe.wav            the burst, one channel, followed by silence up to the length of a recording
     poses.csv            index,x_m,y_m,z_m,heading_rad,file
@@ -22,6 +23,7 @@ import numpy as np
 import yaml
 from scipy.io import wavfile
 
+from echolearn import direct
 from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Probe, check, check_number
 
 NOISE = "noise.wav"
@@ -41,6 +43,7 @@ class Survey:
         files: recording of each pose, relative to `folder`.
         walls: outline of the room, shape (C, 2), in m, or None.
         conditions: what is known of the recording.
+        direct: whether the recordings hold the direct path, which reading removes.
     """
 
     folder: Path
@@ -51,14 +54,17 @@ class Survey:
     files: tuple[str, ...]
     walls: Array | None
     conditions: Mapping[str, Any]
+    direct: bool = False
 
     def observe(self, poses: Sequence[int]) -> Observation:
-        """Read the recordings of the numbered poses, samples (B, M, N).
+        """Read the recordings of the numbered poses, samples (B, M, N), without the direct path.
 
         Raises:
             BadValue: a recording that is missing, has another sample rate, number of channels or length, or NaN.
         """
         samples = np.stack([self._read(self.files[pose]) for pose in poses])
+        if self.direct:
+            samples = direct.remove(samples, self.probe, self.array, speed_of_sound=self.speed_of_sound)
         return Observation(samples, self.probe, self.array, self.speed_of_sound)
 
     def noise(self) -> Array | None:
@@ -78,6 +84,8 @@ class Survey:
 
     def _read(self, name: str) -> Array:
         path = self.folder / name
+        inside = path.resolve().is_relative_to(self.folder.resolve())
+        check(inside, f"{self.folder}/poses.csv file", name, allowed="a path inside the survey's folder")
         samples = read_wav(path, self.probe.sample_rate)
         expected = (len(self.array), self.probe.length)
         check(
@@ -155,7 +163,7 @@ def read(folder: Path) -> Survey:
     """Open a recorded survey.
 
     Raises:
-        BadValue: a file or key that is missing or malformed, or a direct path still present.
+        BadValue: a file or key that is missing or malformed.
     """
     folder = Path(folder)
     about = _read_yaml(folder / "survey.yaml")
@@ -172,6 +180,7 @@ def read(folder: Path) -> Survey:
         files=files,
         walls=about.get("walls"),
         conditions=about.get("conditions") or {},
+        direct=about["direct_path"] == "present",
     )
 
 
@@ -184,13 +193,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     missing = [key for key in required if not isinstance(content, dict) or key not in content]
     check(not missing, str(path), f"without {', '.join(missing)}", allowed=f"a mapping with {', '.join(required)}")
     present, conditions = content["direct_path"], content.get("conditions") or {}
-    check(
-        present == "removed",
-        f"{path} direct_path",
-        present,
-        allowed="removed",
-        hint="subtract the anechoic response first",
-    )
+    check(present in ("removed", "present"), f"{path} direct_path", present, allowed="removed or present")
     check(isinstance(conditions, dict), f"{path} conditions", conditions, allowed="a mapping")
     check_number(f"{path} sample_rate", content["sample_rate"], low=1000.0, high=400_000.0, unit="Hz")
     check_number(

@@ -1,0 +1,134 @@
+"""A recorded survey and a bundle make a map: every recording heard as `deploy` does, the files by `mapfiles`.
+
+The map is identified by what goes into it: the bundle, the survey's files, the resolution. A finished one is not made
+again.
+"""
+
+import hashlib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echolearn import deploy, metrics, recording, store
+from echolearn.deploy import Heard, Scorer
+from echolearn.mapfiles import Chart, grid, ply, svg, table
+from echolearn.progress import track
+from echolearn.types import Echoes, EchoMap, check, check_name, check_number
+
+BLOCK = 32
+"""Recordings heard together."""
+
+SCORES = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
+"""Metrics that are shown where the room is known."""
+
+
+def draw(
+    *,
+    survey: Path,
+    bundle: Path,
+    runs: Path,
+    name: str | None = None,
+    resolution: float = 0.05,
+    command: str | None = None,
+) -> Path:
+    """Map a recorded survey, and say what the map is worth where the room's outline is known.
+
+    Args:
+        survey: folder in the recorded-survey format.
+        bundle: folder of a bundle.
+        runs: the map goes to `runs/maps`.
+        name: of the map's folder; `<survey>-<bundle>` unless given.
+        resolution: side of a cell of the occupancy grid, in m.
+        command: what makes the map again; None says nothing about it.
+
+    Returns:
+        The map's folder.
+
+    Raises:
+        BadValue: a survey or bundle that is missing, damaged or not allowed, or that do not fit each other.
+    """
+    check_number("resolution", resolution, low=0.005, high=1.0, unit="m")
+    name = name or f"{Path(survey).resolve().name}-{Path(bundle).resolve().name}"
+    check_name("name", name)
+    folder = Path(runs) / "maps" / name
+    scorer, walk = deploy.load(bundle), recording.read(survey)
+    inputs = {
+        "bundle": scorer.bundle.about["sha256"],
+        "survey": fingerprint(walk),
+        "resolution": float(resolution),
+    }
+    found = _finished(folder, inputs)
+    if found is None:
+        heard = listen(scorer, walk)
+        path = np.array([pose.position for pose in walk.poses])
+        chart = Chart(name, heard.echoes, heard.map, path, walk.walls, float(resolution))
+        found = {"kind": "map", "inputs": inputs, "scores": scores(chart), "lines": len(chart.lines)}
+        found |= {"poses": len(path), "kept": int(np.sum(heard.map.kept)), **store.made_by(command)}
+        _write(folder, chart, found)
+    say(found)
+    return folder
+
+
+def fingerprint(walk: recording.Survey) -> str:
+    """Return the digest of all files of a survey that a map depends on."""
+    names = ["survey.yaml", "probe.wav", "poses.csv", *dict.fromkeys(walk.files)]
+    known = [name for name in names if (walk.folder / name).is_file()]
+    sums = "".join(f"{name} {store.sha256(walk.folder / name)}\n" for name in known)
+    return hashlib.sha256(sums.encode()).hexdigest()
+
+
+def listen(scorer: Scorer, walk: recording.Survey) -> Heard:
+    """Hear every recording of a survey, block by block."""
+    count = len(walk.poses)
+    blocks = [range(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK)]
+    heard = []
+    for block in track(blocks, f"map {walk.folder.name}", unit="blocks"):
+        heard.append(scorer.listen(walk.observe(block), [walk.poses[pose] for pose in block]))
+    echoes = Echoes(*(np.concatenate([getattr(h.echoes, name) for h in heard]) for name in vars(heard[0].echoes)))
+    found = EchoMap(*(np.concatenate([getattr(h.map, name) for h in heard]) for name in vars(heard[0].map)))
+    return Heard(echoes, found)
+
+
+def scores(chart: Chart) -> dict[str, float | None] | None:
+    """Return what a map is worth, or None where the room is not known; a metric without a value is None."""
+    if chart.outline is None:
+        return None
+    found = chart.map
+    values = metrics.evaluate_map(
+        chart.outline, found.points, kept=found.kept, confidence=found.confidence, poses=found.poses
+    )
+    return {name: float(value) if math.isfinite(value) else None for name, value in values.items()}
+
+
+def say(about: Mapping[str, Any]) -> None:
+    """Print what a map holds and what it is worth."""
+    print(f"{about['poses']} poses, {about['kept']} echoes kept, {about['lines']} walls fitted")
+    for name in SCORES if about["scores"] else ():
+        value = about["scores"][name]
+        print(f"  {name:17}" + ("undefined" if value is None else f"{value:.3f}"))
+
+
+def _finished(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the manifest of a finished map with these inputs; refuse a folder that holds something else."""
+    foreign = folder.is_dir() and any(folder.iterdir()) and not (folder / "map.csv").is_file()
+    check(
+        not foreign, "name", folder.name, allowed="a new name, or that of a map", hint=f"{folder} holds something else"
+    )
+    if not store.is_finished(folder):
+        return None
+    try:
+        found = store.verify(folder)
+    except ValueError:
+        return None
+    return found if found.get("inputs") == inputs else None
+
+
+def _write(folder: Path, chart: Chart, about: Mapping[str, Any]) -> None:
+    store.clean(folder)
+    files = {name: content for writer in (table, ply, grid, svg) for name, content in writer.write(chart).items()}
+    for name, content in files.items():
+        store.write_atomic(folder / name, content)
+    store.finish(folder, about, files)

@@ -1,0 +1,157 @@
+"""From a survey and a bundle to map files: the laboratory's points, made once, and what does not fit refused."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.io import wavfile
+
+from echolearn import metrics, recording
+from echolearn.cartography import draw
+from echolearn.cli import main
+from echolearn.geometry import distance_to_outline
+from echolearn.hearing import hear
+from echolearn.rir.images import Images
+from echolearn.simulate import Scene
+from echolearn.trained import load_runs
+from echolearn.types import BadValue
+from world import HALL, POSES, World
+
+FILES = ["manifest.json", "map.csv", "map.pgm", "map.ply", "map.svg", "map.yaml", "walls.csv"]
+
+
+@pytest.fixture
+def walk(world: World, tmp_path: Path) -> Path:
+    """Return a copy of the walk at 0 dB."""
+    return shutil.copytree(world.runs / "survey" / "hall_0dB", tmp_path / "walk")
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "map.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def edit(folder: Path, **changes: object) -> None:
+    path = folder / "survey.yaml"
+    path.write_text(yaml.safe_dump({**yaml.safe_load(path.read_text()), **changes}))
+
+
+def test_the_map_is_what_the_laboratory_hears(world: World, packed: Path, walk: Path, tmp_path: Path) -> None:
+    folder = draw(survey=walk, bundle=packed, runs=tmp_path)
+    assert sorted(content(folder)) == FILES
+    gated = world.arguments["localizers"]["gated"]
+    heard = hear(walk, gated, name="hall_0dB/gated", resamples=9)
+    [run] = [run for run in load_runs(world.runs) if run.classifier == "trees_features"]
+    confidence = run.confidence(heard.columns)
+    found = rows(folder)
+    points = np.array([[float(row["x_m"]), float(row["y_m"])] for row in found])
+    assert len(found) == POSES and np.abs(points - heard.points).max() <= 1e-5
+    assert np.abs([float(row["confidence"]) for row in found] - confidence).max() <= 1e-5
+    assert [row["kept"] == "1" for row in found] == (confidence >= run.threshold).tolist()
+    scores = json.loads((folder / "manifest.json").read_text())["scores"]
+    kept = confidence >= run.threshold
+    assert scores["precision"] == pytest.approx(heard.sheet.reference[kept].mean())
+    assert scores["true_retention"] == pytest.approx(kept[heard.sheet.reference].mean())
+
+
+def test_a_finished_map_is_shown_again_and_another_survey_makes_another(
+    packed: Path, walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = draw(survey=walk, bundle=packed, runs=tmp_path)
+    before, said = content(folder), capsys.readouterr().out
+    kept = {path.name: path.stat().st_ino for path in folder.iterdir()}
+    draw(survey=walk, bundle=packed, runs=tmp_path)
+    assert capsys.readouterr().out == said and "  precision " in said
+    assert {path.name: path.stat().st_ino for path in folder.iterdir()} == kept
+    (folder / "map.ply").write_bytes(b"torn")
+    draw(survey=walk, bundle=packed, runs=tmp_path)
+    assert content(folder) == before
+    assert content(draw(survey=walk, bundle=packed, runs=tmp_path / "again")) == before
+    edit(walk, walls=None)
+    draw(survey=walk, bundle=packed, runs=tmp_path)
+    assert "precision" not in capsys.readouterr().out.split("fitted")[-1]
+    assert json.loads((folder / "manifest.json").read_text())["scores"] is None
+
+
+def test_a_direct_path_that_is_present_is_removed(world: World, packed: Path, walk: Path, tmp_path: Path) -> None:
+    """The same walk as microphones would record it: whatever gain, the loudspeaker's burst first, int16."""
+    survey = recording.read(walk)
+    scene = Scene(survey.array, survey.probe, Images(), None)  # type: ignore[arg-type]
+    for name in survey.files:
+        samples = 0.02 * (recording.read_wav(walk / name, 22050.0) + scene.direct)
+        assert np.abs(samples).max() < 1
+        wavfile.write(walk / name, 22050, np.rint(samples.T * 32767).astype(np.int16))
+    edit(walk, direct_path="present")
+    removed = rows(draw(survey=world.runs / "survey" / "hall_0dB", bundle=packed, runs=tmp_path, name="removed"))
+    present = rows(draw(survey=walk, bundle=packed, runs=tmp_path, name="present"))
+    places = [np.array([[float(row["x_m"]), float(row["y_m"])] for row in found]) for found in (removed, present)]
+    same = np.linalg.norm(places[0] - places[1], axis=1) < 0.02
+    believed = [np.array([float(row["confidence"]) for row in found]) for found in (removed, present)]
+    true = distance_to_outline(places[0], np.array(survey.walls)) <= metrics.TOLERANCE
+    assert same[true].mean() > 0.95
+    assert np.abs(believed[0] - believed[1])[same].mean() < 0.03
+
+
+def test_what_does_not_fit_is_refused_and_nothing_is_left(packed: Path, walk: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+
+    def refusal(**changes: object) -> str:
+        with pytest.raises(BadValue) as refused:
+            draw(**{"survey": walk, "bundle": packed, "runs": out} | changes)  # type: ignore[arg-type]
+        assert "\n" not in str(refused.value) and not out.exists()
+        return str(refused.value)
+
+    assert "a folder that echolearn export wrote" in refusal(bundle=tmp_path / "nowhere")
+    assert "survey.yaml: cannot be read" in refusal(survey=tmp_path)
+    assert "name=../up" in refusal(name="../up")
+    assert "resolution=0 m" in refusal(resolution=0)
+    rate, samples = wavfile.read(walk / "probe.wav")
+    wavfile.write(walk / "probe.wav", 44100, samples)
+    edit(walk, sample_rate=44100.0)
+    for name in recording.read(walk).files:
+        wavfile.write(walk / name, 44100, wavfile.read(walk / name)[1])
+    assert "bundle expects sample_rate=22050 Hz, survey has 44100 Hz; resample with" in refusal()
+    edit(walk, sample_rate=22050.0, microphones=[[0.1, 0.0, 0.0]] * 6)
+    wavfile.write(walk / "probe.wav", rate, samples)
+    for name in recording.read(walk).files:
+        wavfile.write(walk / name, 22050, wavfile.read(walk / name)[1])
+    assert "microphones=one is off by" in refusal()
+
+
+@pytest.mark.parametrize("hostile", ["/etc/passwd", "../secret.wav", "observations/../../secret.wav", "link.wav"])
+def test_a_survey_from_a_stranger_stays_in_its_folder(hostile: str, packed: Path, walk: Path, tmp_path: Path) -> None:
+    (tmp_path / "secret.wav").write_bytes((walk / "observations" / "0000.wav").read_bytes())
+    (walk / "link.wav").symlink_to("../secret.wav")
+    text = (walk / "poses.csv").read_text().replace("observations/0003.wav", hostile)
+    (walk / "poses.csv").write_text(text)
+    with pytest.raises(BadValue, match="a path inside the survey's folder"):
+        draw(survey=walk, bundle=packed, runs=tmp_path / "out")
+
+
+def test_the_command_maps_and_verifies(
+    packed: Path, walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["map", f"survey={walk}", f"bundle={packed}", "resolution=0.1"]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"{POSES} poses, ") and said.endswith("runs/maps/walk-small\n")
+    assert main(["verify", "runs/maps/walk-small"]) == 0
+    about = yaml.safe_load(Path("runs/maps/walk-small/map.yaml").read_text())
+    assert about["resolution"] == 0.1 and -0.7 <= about["origin"][0] < HALL.size[0]
+    assert main(["map", f"bundle={packed}"]) == 1
+    assert (
+        "survey=None: a folder in the recorded-survey format; name it: echolearn map survey=" in capsys.readouterr().err
+    )
+    Path("runs/maps/mine").mkdir()
+    Path("runs/maps/mine/thesis.txt").write_text("all of it")
+    assert main([*words, "name=mine"]) == 1
+    assert "holds something else" in capsys.readouterr().err
