@@ -3,6 +3,8 @@
 import csv
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -155,3 +157,35 @@ def test_the_command_maps_and_verifies(
     Path("runs/maps/mine/thesis.txt").write_text("all of it")
     assert main([*words, "name=mine"]) == 1
     assert "holds something else" in capsys.readouterr().err
+
+
+def test_a_robot_without_hydra_maps_by_the_same_command(packed: Path, walk: Path, tmp_path: Path) -> None:
+    """The laboratory's libraries cannot be found; the map is the same, byte for byte."""
+    code = """
+import importlib.util, sys
+there = importlib.util.find_spec
+hidden = set("torch sklearn hydra omegaconf lightning pyroomacoustics numba onnx matplotlib rich soundfile".split())
+def find(name, package=None):
+    return None if name.split(".")[0] in hidden else there(name, package)
+importlib.util.find_spec = find
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in hidden:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Hidden())
+from echolearn.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-c", code, *words]
+        return subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+
+    words = ["map", f"survey={walk}", f"bundle={packed}"]
+    done = run(*words)
+    assert done.returncode == 0, done.stderr
+    alone = content(tmp_path / "runs" / "maps" / "walk-small")
+    whole = content(draw(survey=walk, bundle=packed, runs=tmp_path / "whole"))
+    assert {name: alone[name] for name in FILES[1:]} == {name: whole[name] for name in FILES[1:]}
+    assert "no key bundel; did you mean bundle?" in run("map", "bundel=x").stderr
+    assert "train: needs the whole laboratory; run: pip install 'echolearn[lab]'" in run("train").stderr

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import cache, partial
 from importlib import import_module
+from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -112,6 +113,8 @@ def compose(
     Raises:
         UsageError: an override that cannot be understood, or a key or an option that does not exist.
     """
+    if find_spec("hydra") is None:
+        return [("", plainly(command, words))]
     from hydra import initialize_config_dir
     from hydra.errors import HydraException
     from omegaconf import OmegaConf
@@ -128,6 +131,25 @@ def compose(
     except (HydraException, OmegaConfBaseException) as error:
         raise UsageError(str(error).split("\nSee http")[0]) from error
     return jobs
+
+
+def plainly(command: str, words: Sequence[str]) -> Config:
+    """Return a command's configuration without Hydra, as on a robot: one file, and words that are plain `key=value`.
+
+    Raises:
+        UsageError: a command that is put together from several files, or a key that does not exist.
+    """
+    import yaml
+
+    config: Config = yaml.safe_load((folder() / f"{command}.yaml").read_text())
+    if "defaults" in config:
+        raise UsageError(f"{command}: needs the whole laboratory; run: pip install 'echolearn[lab]'")
+    for word in words:
+        key, _, value = word.partition("=")
+        if key not in config:
+            raise UsageError(f"{word}: there is no key {key}; {suggest(key, list(config))}")
+        config[key] = yaml.safe_load(value)
+    return {**config, "choice": {}, "command": shlex.join(["echolearn", command, *words])}
 
 
 def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, Sequence[str], list[str], list["Override"]]]:
