@@ -34,8 +34,8 @@ def write(chart: Chart) -> Files:
     seen = np.sin(chart.echoes.elevation).reshape(-1) > 0.5
     rejected = seen & ~np.asarray(chart.map.kept)
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height + 24}" '
-        f'width="{width}" height="{height + 24}">',
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height + 36}" '
+        f'width="{width}" height="{height + 36}">',
         f"<style>{STYLE}</style>",
         '<rect width="100%" height="100%" fill="#fff"/>',
         *([f'<polygon class="outline" points="{_joined(place(outline))}"/>'] if len(outline) else []),
@@ -44,8 +44,9 @@ def write(chart: Chart) -> Files:
         *(_segment(place(np.stack([line.start, line.end]))) for line in chart.lines),
         *_dots(place(chart.map.points[chart.drawn]), "kept", (1.5 + 2 * chart.map.confidence[chart.drawn]).tolist()),
         f'<path d="M10 {height + 4}h{SCALE}" stroke="#333" stroke-width="2"/>',
-        f'<text x="{SCALE + 16}" y="{height + 8}">1 m; {int(chart.drawn.sum())} points kept (blue, larger if '
-        f"believed more), {int(rejected.sum())} rejected (hollow), {len(chart.lines)} walls fitted (green)</text>",
+        f'<text x="{SCALE + 16}" y="{height + 8}">1 m; {len(chart.lines)} walls fitted (green)</text>',
+        f'<text x="10" y="{height + 26}">points: {int(chart.drawn.sum())} kept (blue), '
+        f"{int(rejected.sum())} rejected (hollow)</text>",
         "</svg>\n",
     ]
     return {"map.svg": "\n".join(parts).encode()}
