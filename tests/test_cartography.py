@@ -15,13 +15,16 @@ from scipy.io import wavfile
 from echolearn import metrics, recording
 from echolearn.cartography import draw
 from echolearn.cli import main
-from echolearn.geometry import distance_to_outline
+from echolearn.geometry import circular_array, distance_to_outline, outline
 from echolearn.hearing import hear
+from echolearn.mapping import trajectory
+from echolearn.noise.white import White
 from echolearn.rir.images import Images
+from echolearn.rir.pyroom import Pyroom
 from echolearn.simulate import Scene
 from echolearn.trained import load_runs
-from echolearn.types import BadValue
-from world import HALL, POSES, World
+from echolearn.types import BadValue, Probe, Room
+from world import HALL, POSES, World, plans
 
 FILES = ["manifest.json", "map.csv", "map.pgm", "map.ply", "map.svg", "map.yaml", "walls.csv"]
 
@@ -100,6 +103,39 @@ def test_a_direct_path_that_is_present_is_removed(world: World, packed: Path, wa
     true = distance_to_outline(places[0], np.array(survey.walls)) <= metrics.TOLERANCE
     assert same[true].mean() > 0.95
     assert np.abs(believed[0] - believed[1])[same].mean() < 0.03
+
+
+def test_another_simulator_at_another_rate_with_a_turned_array_is_mapped(packed: Path, tmp_path: Path) -> None:
+    """Recorded by pyroomacoustics at 44.1 kHz, int16, direct path present, the array mounted at 30 degrees; 20 dB."""
+    tower = Room((6.0, 5.0, 7.0), 0.25)  # its floor and ceiling are out of reach
+    rate, turn = 44100, np.pi / 6
+    burst = plans()[0].scene.probe.samples
+    fine = np.fft.irfft(np.fft.rfft(burst, 2048), 4096)[: 2 * len(burst)] * 2  # twice the rate by zeros in the spectrum
+    array = circular_array(offset=turn)
+    probe = Probe(fine, float(rate), 12000)
+    scene, walk = Scene(array, probe, Pyroom(), White()), tmp_path / "walk"
+    poses = trajectory(tower, poses=60)[:24]  # along the walls
+    names = [f"observations/{index}.wav" for index in range(len(poses))]
+    (walk / "observations").mkdir(parents=True)
+    for index, (pose, name) in enumerate(zip(poses, names, strict=True)):
+        received = scene.received(tower, pose)
+        noise = np.random.default_rng(index).standard_normal(received.shape)
+        samples = 0.05 * (received + noise * np.sqrt(np.mean(received**2) / 100))
+        wavfile.write(walk / name, rate, np.rint(samples.T * 32767).astype(np.int16))
+    padded = np.pad(fine, (0, 12000 - len(fine)))
+    (walk / "probe.wav").write_bytes(recording.wav_bytes(padded, rate))
+    (walk / "poses.csv").write_bytes(recording.poses_csv(poses, names))
+    about = recording.describe(array, probe, speed_of_sound=343.0, walls=outline(tower), conditions={})
+    (walk / "survey.yaml").write_bytes(about)
+    edit(walk, direct_path="present")
+    with pytest.raises(BadValue, match="resample with `echolearn map resample=true`"):
+        draw(survey=walk, bundle=packed, runs=tmp_path)
+    found = rows(draw(survey=walk, bundle=packed, runs=tmp_path, resample=True))
+    points = np.array([[float(row["x_m"]), float(row["y_m"])] for row in found])
+    kept = np.array([row["kept"] == "1" for row in found])
+    true = distance_to_outline(points, outline(tower)) <= metrics.TOLERANCE
+    assert true.mean() > 0.8 and kept.sum() >= 12
+    assert true[kept].mean() >= 0.9
 
 
 def test_what_does_not_fit_is_refused_and_nothing_is_left(packed: Path, walk: Path, tmp_path: Path) -> None:

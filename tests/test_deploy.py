@@ -126,7 +126,7 @@ def test_recordings_of_another_robot_are_refused(
         },
         "microphones=4: 6, the bundle's": {"array": circular_array(microphones=4)},
         "microphones=one is off by 4.0 mm: at most 1 mm": {"array": MicArray(moved)},
-        "are the microphones in the same order": {"array": MicArray(np.roll(positions, 1, axis=0))},
+        "are the microphones in the same order": {"array": MicArray(positions[::-1])},
         r"samples=\(5,\) channels": {"samples": observation.samples[:, :5]},
         "probe=correlates .* with the bundle's: the same burst; play": {"probe": noise_probe(seed=8, length=6000)},
         "window.farthest=2.0 m: echoes within the recording": {"samples": observation.samples[..., :200]},
@@ -134,6 +134,22 @@ def test_recordings_of_another_robot_are_refused(
     for said, changes in cases.items():
         with pytest.raises(BadValue, match=said):
             scorer.listen(replace(observation, **changes), walk.poses)
+
+
+def test_an_array_mounted_at_an_angle_hears_the_same_walls(
+    scorer: Scorer, walk: recording.Survey, observation: Observation
+) -> None:
+    """The same recordings by a robot whose x axis points elsewhere: other headings and angles, the same points."""
+    turn = 0.6
+    rotation = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    turned = replace(observation, array=MicArray(observation.array.positions @ rotation))
+    found = scorer.listen(turned, [replace(pose, heading=pose.heading - turn) for pose in walk.poses])
+    straight = scorer.listen(observation, walk.poses)
+    assert np.allclose(found.map.points, straight.map.points) and np.allclose(
+        found.map.confidence, straight.map.confidence
+    )
+    difference = found.echoes.azimuth - straight.echoes.azimuth - turn
+    assert np.allclose(np.exp(1j * difference), 1)
 
 
 def test_inputs_that_are_none_are_refused(scorer: Scorer) -> None:

@@ -7,6 +7,7 @@ again.
 import hashlib
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ def draw(
     runs: Path,
     name: str | None = None,
     resolution: float = 0.05,
+    resample: bool = False,
     command: str | None = None,
 ) -> Path:
     """Map a recorded survey, and say what the map is worth where the room's outline is known.
@@ -42,6 +44,7 @@ def draw(
         runs: the map goes to `runs/maps`.
         name: of the map's folder; `<survey>-<bundle>` unless given.
         resolution: side of a cell of the occupancy grid, in m.
+        resample: bring recordings of another sample rate to the bundle's.
         command: what makes the map again; None says nothing about it.
 
     Returns:
@@ -55,6 +58,7 @@ def draw(
     check_name("name", name)
     folder = Path(runs) / "maps" / name
     scorer, walk = deploy.load(bundle), recording.read(survey)
+    walk = replace(walk, rate=scorer.bundle.probe.sample_rate if resample else None)
     inputs = {
         "bundle": scorer.bundle.about["sha256"],
         "survey": fingerprint(walk),

@@ -24,6 +24,7 @@ import numpy as np
 import onnxruntime
 
 from echolearn import bundle, features, store
+from echolearn.geometry import wrap
 from echolearn.localize.matched import Matched
 from echolearn.mapping import echo_map
 from echolearn.types import Array, BadValue, Echoes, EchoMap, Observation, Pose, check
@@ -42,6 +43,9 @@ PATIENCE = 3.0
 
 APART = 1e-3
 """m by which a microphone may be elsewhere than in the bundle."""
+
+LIKENESS = 0.9
+"""Correlation of a survey's probe with the bundle's; resampling takes a little of it."""
 
 
 @dataclass(frozen=True)
@@ -98,14 +102,17 @@ class Scorer:
         Raises:
             BadValue: another array, sample rate or probe than the bundle's, or a recording that cannot be analysed.
         """
-        self.check(observation)
+        mount = self.check(observation)
+        observation = replace(observation, array=self.bundle.array)
         echoes = self.bundle.localizer(observation)
         matched = Matched(observation, self.bundle.localizer.window)
         confidence = np.stack(
             [self(self._inputs(matched, _only(echoes, r))) for r in range(echoes.toa.shape[1])], axis=1
         )
         c, array = observation.speed_of_sound, observation.array
-        found = echo_map(echoes, poses, array=array, confidence=confidence, speed_of_sound=c)
+        turned = [replace(pose, heading=pose.heading + mount) for pose in poses]
+        found = echo_map(echoes, turned, array=array, confidence=confidence, speed_of_sound=c)
+        echoes = replace(echoes, azimuth=wrap(echoes.azimuth + mount)) if mount else echoes
         return Heard(echoes, replace(found, kept=found.confidence >= self.bundle.threshold))
 
     def update(self, observation: Observation, pose: Pose) -> EchoMap:
@@ -123,32 +130,29 @@ class Scorer:
         kept = np.asarray(found.kept)
         return EchoMap(found.points[kept], found.confidence[kept], kept[kept], found.poses[kept])
 
-    def check(self, observation: Observation) -> None:
-        """Raise `BadValue` unless a recording was made with the bundle's array, sample rate and probe."""
+    def check(self, observation: Observation) -> float:
+        """Return the angle in rad by which the bundle's array is turned on this robot.
+
+        Raises:
+            BadValue: a recording that was not made with the bundle's array, sample rate and probe.
+        """
         expected, array, probe = self.bundle, observation.array, observation.probe
         rate = expected.probe.sample_rate
-        hint = f"resample with resample=true, or: sox in.wav -r {rate:g} out.wav"
-        said = f"bundle expects sample_rate={rate:g} Hz, survey has {probe.sample_rate:g} Hz"
         if probe.sample_rate != rate:
-            raise BadValue(f"{said}; {hint}")
-        check(
-            len(array) == len(expected.array), "microphones", len(array), allowed=f"{len(expected.array)}, the bundle's"
-        )
-        off = float(np.linalg.norm(array.positions - expected.array.positions, axis=1).max())
-        allowed = f"at most {APART * 1000:g} mm from where the bundle's are"
+            said = f"bundle expects sample_rate={rate:g} Hz, survey has {probe.sample_rate:g} Hz"
+            raise BadValue(f"{said}; resample with `echolearn map resample=true`, or: sox in.wav -r {rate:g} out.wav")
+        microphones = len(expected.array)
+        check(len(array) == microphones, "microphones", len(array), allowed=f"{microphones}, the bundle's")
+        mount, off = _turn(expected.array.positions, array.positions)
         hint = "an array of another shape needs a classifier trained for it; are the microphones in the same order?"
+        allowed = f"at most {APART * 1000:g} mm from where the bundle's are, however they are turned"
         check(off <= APART, "microphones", f"one is off by {off * 1000:.1f} mm", allowed=allowed, hint=hint)
         channels = np.shape(observation.samples)[-2:-1]
-        check(channels == (len(array),), "samples", f"{channels} channels", allowed=f"{len(array)}, one per microphone")
+        check(channels == (microphones,), "samples", f"{channels} channels", allowed=f"{microphones}")
         likeness = _likeness(probe.samples, expected.probe.samples)
-        hint = "play the bundle's probe.wav, or train with yours"
-        check(
-            likeness > 0.999,
-            "probe",
-            f"correlates {likeness:.3f} with the bundle's",
-            allowed="the same burst",
-            hint=hint,
-        )
+        hint, shown = "play the bundle's probe.wav, or train with yours", f"correlates {likeness:.3f} with the bundle's"
+        check(likeness > LIKENESS, "probe", shown, allowed="the same burst", hint=hint)
+        return mount
 
     def _inputs(self, matched: Matched, echoes: Echoes) -> Array:
         """Return what the model looks at, of one echo per recording."""
@@ -246,6 +250,16 @@ def _only(echoes: Echoes, r: int) -> Echoes:
     """Return echo number r of each recording, fields (B, 1)."""
     names = ("toa", "score", "gain", "azimuth", "elevation", "power")
     return Echoes(*(getattr(echoes, name)[:, r : r + 1] for name in names))
+
+
+def _turn(positions: Array, found: Array) -> tuple[float, float]:
+    """Return the angle about z that brings microphones (M, 3) to those found, and the largest distance left."""
+    if float(np.abs(positions - found).max()) <= 1e-6:
+        return 0.0, 0.0
+    here, there = positions[:, 0] + 1j * positions[:, 1], found[:, 0] + 1j * found[:, 1]
+    angle = float(np.angle(np.sum(here.conj() * there)))
+    off = np.hypot(np.abs(here * np.exp(1j * angle) - there), positions[:, 2] - found[:, 2])
+    return angle, float(off.max())
 
 
 def _likeness(first: Array, second: Array) -> float:

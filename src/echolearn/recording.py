@@ -14,7 +14,8 @@ Positions are of the loudspeaker in the room's frame; times count from the emiss
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,7 @@ class Survey:
         walls: outline of the room, shape (C, 2), in m, or None.
         conditions: what is known of the recording.
         direct: whether the recordings hold the direct path, which reading removes.
+        rate: sample rate in Hz to which recordings and probe are brought when read; None leaves them.
     """
 
     folder: Path
@@ -55,6 +57,7 @@ class Survey:
     walls: Array | None
     conditions: Mapping[str, Any]
     direct: bool = False
+    rate: float | None = None
 
     def observe(self, poses: Sequence[int]) -> Observation:
         """Read the recordings of the numbered poses, samples (B, M, N), without the direct path.
@@ -65,7 +68,8 @@ class Survey:
         samples = np.stack([self._read(self.files[pose]) for pose in poses])
         if self.direct:
             samples = direct.remove(samples, self.probe, self.array, speed_of_sound=self.speed_of_sound)
-        return Observation(samples, self.probe, self.array, self.speed_of_sound)
+        observation = Observation(samples, self.probe, self.array, self.speed_of_sound)
+        return observation if self.rate in (None, self.probe.sample_rate) else resampled(observation, self.rate)
 
     def noise(self) -> Array | None:
         """Read the noise alone, shape (M, K), or None where it was not recorded.
@@ -95,6 +99,19 @@ class Survey:
             allowed=f"{expected[0]} channels of {expected[1]} samples",
         )
         return samples
+
+
+def resampled(observation: Observation, rate: float | None) -> Observation:
+    """Return recordings and probe at another sample rate in Hz, by a polyphase filter without delay."""
+    from scipy.signal import resample_poly
+
+    probe = observation.probe
+    ratio = Fraction(float(rate or 0.0) / probe.sample_rate).limit_denominator(10_000)
+    check(ratio > 0, "rate", f"{rate} Hz", allowed="a sample rate")
+    samples = resample_poly(observation.samples, ratio.numerator, ratio.denominator, axis=-1)
+    padded = np.pad(probe.samples, (0, min(100, probe.length - len(probe.samples))))
+    burst = resample_poly(padded, ratio.numerator, ratio.denominator)
+    return replace(observation, samples=samples, probe=Probe(burst, float(rate or 0.0), samples.shape[-1]))
 
 
 def wav_bytes(samples: Array, sample_rate: float) -> bytes:
