@@ -157,7 +157,7 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(packed: Path, walk: Pa
     for name in recording.read(walk).files:
         wavfile.write(walk / name, 44100, wavfile.read(walk / name)[1])
     assert "bundle expects sample_rate=22050 Hz, survey has 44100 Hz; resample with" in refusal()
-    edit(walk, sample_rate=22050.0, microphones=[[0.1, 0.0, 0.0]] * 6)
+    edit(walk, sample_rate=22050.0, microphones=[[0.1, k / 100, 0.0] for k in range(6)])
     wavfile.write(walk / "probe.wav", rate, samples)
     for name in recording.read(walk).files:
         wavfile.write(walk / name, 22050, wavfile.read(walk / name)[1])

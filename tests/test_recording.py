@@ -1,6 +1,9 @@
 """The survey format: what is written is read back, and whatever is wrong with a file is said in one line."""
 
+import os
+import time
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -251,3 +254,62 @@ def test_bad_poses_are_refused(folder: Path, text: str, message: str) -> None:
 def test_headings_and_positions_are_written_to_the_last_digit() -> None:
     line = recording.poses_csv([Pose(np.array([1 / 3, 0.1 + 0.2, 1e-9]), np.pi)], ["a.wav"]).decode().splitlines()[1]
     assert line == "0,0.3333333333333333,0.30000000000000004,1e-09,3.141592653589793,a.wav"
+
+
+# ---------------------------------------------------------------- from a stranger
+
+
+def aliases(folder: Path) -> None:
+    """Write a few lines that stand for a thousand million numbers."""
+    levels = [f"l{k}: &l{k} [{', '.join([f'*l{k - 1}'] * 10)}]" for k in range(1, 9)]
+    text = (folder / "survey.yaml").read_text()
+    (folder / "survey.yaml").write_text("\n".join(["l0: &l0 [0, 0, 0]", *levels, text, "walls: *l8", ""]))
+
+
+HOSTILE: dict[str, tuple[Callable[[Path], object], str]] = {
+    "aliases": (aliases, "survey.yaml: cannot be read (it holds an alias"),
+    "an object": (
+        lambda f: (f / "survey.yaml").write_text("!!python/object/apply:os.system ['true']"),
+        "survey.yaml: cannot be read",
+    ),
+    "nested": (lambda f: (f / "survey.yaml").write_text("[" * 100_000), "survey.yaml: cannot be read"),
+    "nested lists": (lambda f: (f / "survey.yaml").write_text("- " * 30_000), "survey.yaml: cannot be read"),
+    "nested keys": (lambda f: (f / "survey.yaml").write_text("? " * 20_000), "survey.yaml: cannot be read"),
+    "binary": (lambda f: (f / "survey.yaml").write_bytes(bytes(range(256))), "survey.yaml: cannot be read"),
+    "a terabyte of yaml": (lambda f: os.truncate(f / "survey.yaml", 1 << 40), "1099511627776 bytes: at most"),
+    "a terabyte of poses": (lambda f: os.truncate(f / "poses.csv", 1 << 40), "1099511627776 bytes: at most"),
+    "a terabyte of probe": (lambda f: os.truncate(f / "probe.wav", 1 << 40), "1099511627776 bytes: at most"),
+    "a terabyte recorded": (lambda f: os.truncate(f / FILES[1], 1 << 40), "1099511627776 bytes: at most"),
+    "half a recording": (lambda f: os.truncate(f / FILES[1], 2500), FILES[1]),
+    "a pipe": (lambda f: ((f / FILES[0]).unlink(), os.mkfifo(f / FILES[0])), "no plain file"),
+    "a device": (lambda f: ((f / FILES[0]).unlink(), (f / FILES[0]).symlink_to("/dev/zero")), "inside the survey"),
+    "giant chunk": (
+        lambda f: (f / FILES[0]).write_bytes((f / FILES[0]).read_bytes()[:40].ljust(3000, b"\xff")),
+        FILES[0],
+    ),
+    "NaN pose": (
+        lambda f: (f / "poses.csv").write_text((f / "poses.csv").read_text().replace("1.1", "nan")),
+        "poses.csv=NaN or infinity",
+    ),
+    "infinite pose": (
+        lambda f: (f / "poses.csv").write_text((f / "poses.csv").read_text().replace("1.1", "1e999")),
+        "poses.csv=NaN or infinity",
+    ),
+    "path up": (
+        lambda f: (f / "poses.csv").write_text((f / "poses.csv").read_text().replace(FILES[0], "../../etc/passwd")),
+        "a path inside the survey's folder",
+    ),
+    "path with a zero": (
+        lambda f: (f / "poses.csv").write_text((f / "poses.csv").read_text().replace(FILES[0], "a\0b")),
+        "poses.csv",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_a_hostile_survey_is_refused_at_once(kind: str, folder: Path) -> None:
+    attack, said = HOSTILE[kind]
+    attack(folder)
+    began = time.process_time()
+    assert said in refusal(folder)
+    assert time.process_time() - began < 2.0

@@ -28,6 +28,13 @@ from echolearn import direct
 from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Probe, check, check_number
 
 NOISE = "noise.wav"
+
+LIMITS = {"survey.yaml": 1 << 17, "poses.csv": 64 << 20, ".wav": 1 << 30}
+"""Bytes that a file of a survey may have."""
+
+DEPTH = 20
+"""Brackets within brackets that `survey.yaml` may have; coordinates need two."""
+
 HEADER = ("index", "x_m", "y_m", "z_m", "heading_rad", "file")
 
 
@@ -88,7 +95,7 @@ class Survey:
 
     def _read(self, name: str) -> Array:
         path = self.folder / name
-        inside = path.resolve().is_relative_to(self.folder.resolve())
+        inside = "\0" not in name and path.resolve().is_relative_to(self.folder.resolve())
         check(inside, f"{self.folder}/poses.csv file", name, allowed="a path inside the survey's folder")
         samples = read_wav(path, self.probe.sample_rate)
         expected = (len(self.array), self.probe.length)
@@ -127,6 +134,7 @@ def read_wav(path: Path, sample_rate: float) -> Array:
     Raises:
         BadValue: not a WAV file, its sample rate is not `sample_rate` Hz, or it holds NaN.
     """
+    _check_size(path, LIMITS[".wav"])
     try:
         rate, samples = wavfile.read(path)
     except Exception as error:  # scipy answers a damaged header with whatever its parser trips over
@@ -202,9 +210,12 @@ def read(folder: Path) -> Survey:
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
+    _check_size(path, LIMITS["survey.yaml"])
     try:
-        content = yaml.safe_load(path.read_text())
-    except (OSError, ValueError, yaml.YAMLError) as error:
+        text = path.read_text()
+        _check_plain(text)
+        content = yaml.safe_load(text)
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise BadValue(f"{path}: cannot be read ({' '.join(str(error).split())})") from None
     required = ("sample_rate", "speed_of_sound", "microphones", "loudspeaker", "direct_path")
     missing = [key for key in required if not isinstance(content, dict) or key not in content]
@@ -218,6 +229,26 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     )
     shapes = {"microphones": (-1, 3), "loudspeaker": (3,)} | ({"walls": (-1, 2)} if content.get("walls") else {})
     return {**content, **{key: _metres(content[key], f"{path} {key}", shape) for key, shape in shapes.items()}}
+
+
+def _check_plain(text: str) -> None:
+    """Raise `ValueError` for YAML of little text that takes endless time or memory: deep nesting, and aliases."""
+    depth = deepest = 0
+    for character in text:
+        depth += (character in "[{") - (character in "]}")
+        deepest = max(deepest, depth)
+    if deepest > DEPTH:
+        raise ValueError(f"it is nested more than {DEPTH} deep")
+    if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
+        raise ValueError("it holds an alias, *name, by which little text can become endless lists")
+
+
+def _check_size(path: Path, limit: int) -> None:
+    """Raise `BadValue` if a file is too large or no plain file; one that is missing is left to its reader."""
+    if path.exists():
+        check(path.is_file(), str(path), "no plain file", allowed="a file")
+        size = path.stat().st_size
+        check(size <= limit, str(path), f"{size} bytes", allowed=f"at most {limit} bytes")
 
 
 def _metres(value: Any, name: str, shape: tuple[int, ...]) -> Array:
@@ -235,6 +266,7 @@ def _metres(value: Any, name: str, shape: tuple[int, ...]) -> Array:
 
 
 def _read_poses(path: Path) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
+    _check_size(path, LIMITS["poses.csv"])
     try:
         with path.open(newline="") as file:
             rows = list(csv.DictReader(file))
