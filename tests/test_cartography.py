@@ -185,6 +185,12 @@ def test_the_command_maps_and_verifies(
     assert main(["verify", "runs/maps/walk-small"]) == 0
     about = yaml.safe_load(Path("runs/maps/walk-small/map.yaml").read_text())
     assert about["resolution"] == 0.1 and -0.7 <= about["origin"][0] < HALL.size[0]
+    (walk / "manifest.json").unlink()
+    assert main(["verify", str(walk)]) == 0
+    assert f"readable, {POSES} recordings; there is no manifest.json" in capsys.readouterr().out
+    (walk / "observations" / "0007.wav").write_bytes(b"torn")
+    assert main(["verify", str(walk)]) == 1
+    assert "observations/0007.wav: cannot be read as WAV" in capsys.readouterr().err
     assert main(["map", f"bundle={packed}"]) == 1
     assert (
         "survey=None: a folder in the recorded-survey format; name it: echolearn map survey=" in capsys.readouterr().err

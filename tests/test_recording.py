@@ -142,7 +142,7 @@ def test_silence_is_no_probe(folder: Path) -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 80), st.integers(0, 255)), min_size=1, max_size=4), st.integers(0, 4000))
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_damaged_header_is_an_error_or_a_recording(folder: Path, bytes_: list[tuple[int, int]], cut: int) -> None:
     """Whatever stands in the first bytes, and wherever the file ends, there is no traceback of a parser."""
     content = bytearray(recording.wav_bytes(SAMPLES[0], 22050.0))

@@ -28,6 +28,7 @@ from echolearn import direct
 from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Probe, check, check_number
 
 NOISE = "noise.wav"
+MANIFEST = "manifest.json"
 
 LIMITS = {"survey.yaml": 1 << 17, "poses.csv": 64 << 20, ".wav": 1 << 30}
 """Bytes that a file of a survey may have."""
@@ -207,6 +208,18 @@ def read(folder: Path) -> Survey:
         conditions=about.get("conditions") or {},
         direct=about["direct_path"] == "present",
     )
+
+
+def prove(folder: Path) -> str:
+    """Read every recording of a survey that has no manifest, as a robot leaves it, and say what there is.
+
+    Raises:
+        BadValue: as `read` and `Survey.observe`.
+    """
+    survey = read(folder)
+    for pose in range(len(survey.poses)):
+        survey.observe([pose])
+    return f"readable, {len(survey.poses)} recordings; there is no {MANIFEST} to prove them by"
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
