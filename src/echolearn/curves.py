@@ -15,7 +15,13 @@ FORMAT = 1
 
 Row = dict[str, Any]
 
-AXIS = {"snr_db": "SNR / dB", "sdnr_db": "SDNR / dB", "t60": "reverberation time / s", "fault": "fault of the array"}
+AXIS = {
+    "snr_db": "SNR / dB",
+    "sdnr_db": "SDNR / dB",
+    "t60": "reverberation time / s",
+    "fault": "fault of the array",
+    "pings": "pings averaged",
+}
 PANELS = {
     "toa_doa": {
         "toa": "a) time of arrival within 5 samples",
@@ -76,6 +82,9 @@ def paint_metric(axis: Axes, vary: str, rows: Sequence[Row]) -> None:
         axis.plot(x, [row["value"] for row in found], marker=marker, markersize=4, label=name, **style)
         low, high = [row["ci_low"] for row in found], [row["ci_high"] for row in found]
         axis.fill_between(x, low, high, color=style["color"], alpha=0.12, linewidth=0)
+    if vary == "pings":
+        axis.set_xscale("log", base=2)
+        axis.set_xticks(values, [str(value) for value in values])
     if named:
         axis.set_xticks(list(place.values()), [str(value).replace("_", " ") for value in place])
 

@@ -9,7 +9,7 @@ A shard is one structured array, a record per observation: the columns and tenso
 - `on_map`: the map point (TOA and DOA together) lies within 0.10 m of the room's outline,
 
 and what the estimator did not know: SNR, gain, T60, room, pose, true TOAs, and `group`, the position's number,
-by which every split is made; SDNR only in sets with diffuse noise.
+by which every split is made; SDNR only in sets with diffuse noise, pings only where several are averaged.
 """
 
 import time
@@ -52,12 +52,12 @@ SHARED = "a folder that all workers see and write to at the same path; some work
 def plain(value: Any) -> Any:
     """Return `value` as plain containers for a manifest: dataclasses by their fields, arrays by their hash.
 
-    A field marked `LATER` is left out while it is None.
+    A field marked `LATER` is left out while it has its default.
     """
     if is_dataclass(value) and not isinstance(value, type):
         name = f"{type(value).__module__}.{type(value).__qualname__}"
         held = {f.name: getattr(value, f.name) for f in fields(value)}
-        absent = {f.name for f in fields(value) if "later" in f.metadata and held[f.name] is None}
+        absent = {f.name for f in fields(value) if "later" in f.metadata and _is_default(held[f.name], f.default)}
         return {"_target_": name, **{key: plain(item) for key, item in held.items() if key not in absent}}
     if isinstance(value, np.ndarray):
         return {"shape": list(value.shape), "sha256": sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}
@@ -66,6 +66,10 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     return value.item() if isinstance(value, np.generic) else value
+
+
+def _is_default(value: Any, default: Any) -> bool:
+    return value is default or (isinstance(default, int) and bool(value == default))
 
 
 def noise_kind(scene: Mapping[str, Any], *, sensor: bool = True) -> str:
@@ -165,13 +169,15 @@ def _observe(plan: Plan, rows: range) -> Iterator[tuple[Spot, Array]]:
 
 
 def _record(received: Array, scene: Scene, spot: Spot, rng: np.random.Generator) -> Array:
-    return add_noise(received, scene, snr_db=spot.snr_db, sdnr_db=spot.sdnr_db, gain_db=spot.gain_db, rng=rng)
+    levels = {"snr_db": spot.snr_db, "sdnr_db": spot.sdnr_db}
+    return add_noise(received, scene, gain_db=spot.gain_db, rng=rng, pings=spot.pings, **levels)
 
 
 def _context(spots: tuple[Spot, ...]) -> dict[str, Array]:
     return {
         "snr_db": np.array([np.inf if spot.snr_db is None else spot.snr_db for spot in spots]),
         **({} if spots[0].sdnr_db is None else {"sdnr_db": np.array([spot.sdnr_db for spot in spots])}),
+        **({} if spots[0].pings == 1 else {"pings": np.array([spot.pings for spot in spots])}),
         "gain_db": np.array([spot.gain_db for spot in spots]),
         "t60": np.array([spot.room.t60 for spot in spots]),
         "room": np.array([spot.room.size for spot in spots]),

@@ -13,7 +13,7 @@ import numpy as np
 
 from echolearn.geometry import SearchWindow, check_inside
 from echolearn.localize import Localizer
-from echolearn.simulate import Scene, check_levels
+from echolearn.simulate import Scene, check_levels, check_pings
 from echolearn.types import LATER, Array, Pose, Room, check, check_list, check_name, check_number, check_whole
 
 
@@ -27,6 +27,7 @@ class Spot:
     gain_db: float
     group: int
     sdnr_db: float | None = None
+    pings: int = 1
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class GridPlan:
         localizer: estimates the echoes.
         shard_rows: rows stored in one file.
         sdnr_db: range of a uniform SDNR per row if the scene has diffuse noise, else None.
+        pings: how many recordings are averaged for each row; the levels are those of one.
     """
 
     name: str
@@ -62,6 +64,7 @@ class GridPlan:
     snr_levels: tuple[float, ...] | None = None
     shard_rows: int = 64
     sdnr_db: tuple[float, float] | None = field(default=None, metadata=LATER)
+    pings: int = field(default=1, metadata=LATER)
 
     def __post_init__(self) -> None:
         _check_common(self, levels=self.snr_levels if self.snr_db is None else self.snr_db)
@@ -95,7 +98,8 @@ class GridPlan:
         levels = self.snr_levels
         group, level = divmod(row, len(levels)) if levels else (row, 0)
         snr_db = levels[level] if levels else _uniform(self.snr_db, rng)
-        return Spot(self.room, Pose(self.positions[group]), snr_db, 0.0, group, _uniform(self.sdnr_db, rng))
+        sdnr_db = _uniform(self.sdnr_db, rng)
+        return Spot(self.room, Pose(self.positions[group]), snr_db, 0.0, group, sdnr_db, self.pings)
 
 
 @dataclass(frozen=True)
@@ -117,6 +121,7 @@ class ScatteredPlan:
         localizer: estimates the echoes.
         shard_rows: rows stored in one file.
         sdnr_db: range of a uniform SDNR if the scene has diffuse noise, else None.
+        pings: how many recordings are averaged for each row; the levels are those of one.
     """
 
     name: str
@@ -134,6 +139,7 @@ class ScatteredPlan:
     gain_db: tuple[float, float] = (0.0, 0.0)
     shard_rows: int = 64
     sdnr_db: tuple[float, float] | None = field(default=None, metadata=LATER)
+    pings: int = field(default=1, metadata=LATER)
 
     def __post_init__(self) -> None:
         _check_common(self, levels=self.snr_db)
@@ -163,7 +169,8 @@ class ScatteredPlan:
         position = rng.uniform(self.margin, size - self.margin)
         heading = rng.uniform(-np.pi, np.pi)
         snr_db, gain_db = _uniform(self.snr_db, rng), rng.uniform(*self.gain_db)
-        return Spot(room, Pose(position, heading), snr_db, gain_db, row, _uniform(self.sdnr_db, rng))
+        sdnr_db = _uniform(self.sdnr_db, rng)
+        return Spot(room, Pose(position, heading), snr_db, gain_db, row, sdnr_db, self.pings)
 
 
 Plan = GridPlan | ScatteredPlan
@@ -187,6 +194,7 @@ def _check_common(plan: Plan, *, levels: object) -> None:
     check_whole("plan.seed", plan.seed, low=0)
     check_whole("plan.shard_rows", plan.shard_rows, low=1, high=4096, unit="rows")
     check_levels(plan.scene, snr_db=levels, sdnr_db=plan.sdnr_db, name="plan.")
+    check_pings(plan.pings, "plan.pings")
     if plan.sdnr_db is not None:
         check_range("plan.sdnr_db", plan.sdnr_db, low=-100.0, high=100.0, unit="dB")
     plan.window.lags(plan.scene.array, plan.scene.probe.sample_rate, plan.scene.speed_of_sound)

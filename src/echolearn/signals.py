@@ -85,11 +85,27 @@ def noise_psd(recording: Array, *, frame: int = FRAME) -> Array:
     Raises:
         BadValue: a recording shorter than two frames, or not finite.
     """
+    _check_noise(recording, frame)
+    return np.mean(np.abs(stft(recording, frame=frame)) ** 2, axis=-1) / np.sum(np.hanning(frame + 1)[:-1] ** 2)
+
+
+def noise_covariance(recording: Array, *, frame: int = FRAME) -> Array:
+    """Return the covariance between microphones of a noise-only recording (M, N), shape (frame // 2 + 1, M, M).
+
+    E Y Y^H of each bin by Welch's mean, Hermitian; its diagonal is `noise_psd`.
+
+    Raises:
+        BadValue: a recording shorter than two frames, or not finite.
+    """
+    _check_noise(recording, frame)
+    bins = np.moveaxis(stft(recording, frame=frame), -3, -2)
+    return bins @ bins.conj().mT / (bins.shape[-1] * np.sum(np.hanning(frame + 1)[:-1] ** 2))
+
+
+def _check_noise(recording: Array, frame: int) -> None:
     hint = "record the noise for some seconds"
     check_whole("noise.recording", recording.shape[-1], low=2 * frame, unit="samples", hint=hint)
     check(bool(np.isfinite(recording).all()), "noise.recording", "NaN or infinity", allowed="finite samples")
-    window = np.hanning(frame + 1)[:-1]
-    return np.mean(np.abs(stft(recording, frame=frame)) ** 2, axis=-1) / np.sum(window**2)
 
 
 def whitening_taps(psd: Array) -> Array:

@@ -6,15 +6,23 @@ The signal-to-noise ratio (SNR) is that of the *received* probe x_m, direct path
 against the sensor noise f2_m at the same microphone. The signal-to-diffuse-noise ratio (SDNR) is the same against the
 diffuse noise f1 at microphone 1; the field keeps its proportions at the others. Either noise may be absent. Then the
 direct path is removed by subtracting the anechoic response, which the known geometry of the array gives exactly.
+
+Several pings at a pose are averaged sample by sample, (1/K) sum_k y_k: the echoes stay what they are, while noises that
+are independent from ping to ping keep 1/K of their power, 3 dB less for each doubling of K. Levels are those of one
+ping. The mean of K independent draws of N(0, v) is N(0, v / K), and draws that are independent over time and
+microphones have independent means: for white noise one draw of 1/K the power *is* the mean of K in distribution, and it
+is what is drawn. Of any other noise K are drawn, each at its level.
 """
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from echolearn import signals
 from echolearn.geometry import check_inside, microphone_positions, true_echoes
+from echolearn.noise.white import White
 from echolearn.types import (
     LATER,
     SPEED_OF_SOUND,
@@ -29,6 +37,7 @@ from echolearn.types import (
     Truth,
     check,
     check_number,
+    check_whole,
 )
 
 
@@ -90,9 +99,16 @@ def check_levels(scene: Scene, *, snr_db: object, sdnr_db: object, name: str = "
 
 
 def noises(
-    received: Array, scene: Scene, *, length: int, snr_db: float | None, sdnr_db: float | None, rng: np.random.Generator
+    received: Array,
+    scene: Scene,
+    *,
+    length: int,
+    snr_db: float | None,
+    sdnr_db: float | None,
+    rng: np.random.Generator,
+    pings: int = 1,
 ) -> Array:
-    """Return the noises at their levels, f1 + f2, shape (M, length).
+    """Return the noises at their levels, f1 + f2, averaged over pings, shape (M, length).
 
     Args:
         received: probe as received, which the levels refer to, shape (M, N).
@@ -101,17 +117,33 @@ def noises(
         snr_db: received probe over sensor noise at each microphone, or None for no such noise.
         sdnr_db: received probe over diffuse noise, at microphone 1 exactly, or None.
         rng: draws the sensor noise, then the diffuse noise.
+        pings: K, how many recordings are averaged.
     """
     check_levels(scene, snr_db=snr_db, sdnr_db=sdnr_db)
-    strength, rate = signals.power(received), scene.probe.sample_rate
+    check_pings(pings)
+    strength = signals.power(received)
+    draw: dict[str, Any] = {"length": length, "sample_rate": scene.probe.sample_rate, "rng": rng}
     total = np.zeros((len(scene.array), length))
     if snr_db is not None:
         level = np.sqrt(strength * 10.0 ** (-snr_db / 10.0))
-        total += level[:, None] * scene.noise(scene.array, length=length, sample_rate=rate, rng=rng)
+        total += level[:, None] * _mean(scene.noise, scene.array, pings=pings, **draw)
     if scene.diffuse is not None and sdnr_db is not None:
-        around = scene.diffuse(scene.array, length=length, sample_rate=rate, rng=rng)
-        total += np.sqrt(strength[0] / signals.power(around[0]) * 10.0 ** (-sdnr_db / 10.0)) * around
+        for _ in range(pings):
+            around = scene.diffuse(scene.array, **draw)
+            total += np.sqrt(strength[0] / signals.power(around[0]) * 10.0 ** (-sdnr_db / 10.0)) * around / pings
     return total
+
+
+def check_pings(pings: object, name: str = "pings") -> None:
+    """Raise `BadValue` unless `pings` is a number of recordings to average."""
+    check_whole(name, pings, low=1, high=100_000, hint="1 is a single recording")
+
+
+def _mean(noise: Noise, array: MicArray, *, pings: int, **draw: Any) -> Array:
+    """Return the mean of `pings` independent draws of a noise, shape (M, N); for white noise see the header."""
+    if isinstance(noise, White):
+        return noise(array, **draw) / np.sqrt(pings)
+    return sum((noise(array, **draw) for _ in range(pings)), start=np.zeros(())) / pings
 
 
 def add_noise(
@@ -122,6 +154,7 @@ def add_noise(
     gain_db: float,
     rng: np.random.Generator,
     sdnr_db: float | None = None,
+    pings: int = 1,
 ) -> Array:
     """Remove the direct path from `received` (M, N), add noise at its levels, apply a recording gain.
 
@@ -132,8 +165,10 @@ def add_noise(
         gain_db: gain of the recording, signal and noise alike.
         rng: draws the noise.
         sdnr_db: received probe over diffuse noise at microphone 1, or None for no such noise.
+        pings: K, how many recordings are averaged; the levels are those of one.
     """
-    noise = noises(received, scene, length=scene.probe.length, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng)
+    levels = {"snr_db": snr_db, "sdnr_db": sdnr_db}
+    noise = noises(received, scene, length=scene.probe.length, rng=rng, pings=pings, **levels)
     return 10.0 ** (gain_db / 20.0) * (received - scene.direct + noise)
 
 
@@ -146,6 +181,7 @@ def noise_alone(
     snr_db: float | None,
     rng: np.random.Generator,
     sdnr_db: float | None = None,
+    pings: int = 1,
 ) -> Array:
     """Record the noise while the loudspeaker is silent: what an estimator may learn the noise's spectrum from.
 
@@ -155,6 +191,8 @@ def noise_alone(
         seconds: length of the recording.
         snr_db, sdnr_db: see the module's header.
         rng: draws the noise; one that has not drawn an observation, or the two are not independent.
+        pings: K, how many recordings are averaged in the observations. One stretch is recorded and divided by sqrt(K),
+            so that its density is that of the noise which is left in their mean.
 
     Returns:
         Samples, shape (M, round(seconds * sample_rate)).
@@ -162,7 +200,9 @@ def noise_alone(
     check_number("noise_seconds", seconds, low=0.1, high=600.0, unit="s")
     check_inside(room, scene.array, pose)
     length = round(seconds * scene.probe.sample_rate)
-    return noises(scene.received(room, pose), scene, length=length, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng)
+    check_pings(pings)
+    heard = noises(scene.received(room, pose), scene, length=length, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng)
+    return heard / np.sqrt(pings)
 
 
 def observe(
@@ -174,6 +214,7 @@ def observe(
     rng: np.random.Generator,
     gain_db: float = 0.0,
     sdnr_db: float | None = None,
+    pings: int = 1,
 ) -> tuple[Observation, Truth]:
     """Simulate one observation.
 
@@ -185,6 +226,7 @@ def observe(
         rng: draws the noise.
         gain_db: gain of the recording.
         sdnr_db: of the diffuse noise; None is no such noise.
+        pings: K, how many recordings are averaged at the pose; the levels are those of one.
 
     Returns:
         The observation, samples (M, N) with the direct path removed, and the truth.
@@ -194,6 +236,6 @@ def observe(
     """
     check_inside(room, scene.array, pose)
     received = scene.received(room, pose)
-    samples = add_noise(received, scene, snr_db=snr_db, gain_db=gain_db, rng=rng, sdnr_db=sdnr_db)
+    samples = add_noise(received, scene, snr_db=snr_db, gain_db=gain_db, rng=rng, sdnr_db=sdnr_db, pings=pings)
     truth = true_echoes(room, pose, scene.array, scene.speed_of_sound)
     return Observation(samples, scene.probe, scene.array, scene.speed_of_sound), truth

@@ -20,7 +20,7 @@ resumed value by value: what was found at one value is one shard of its folder.
 
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,12 +32,12 @@ from echolearn.geometry import SearchWindow, check_inside
 from echolearn.localize import Localizer
 from echolearn.processes import processes
 from echolearn.progress import track
-from echolearn.simulate import Scene, check_levels
+from echolearn.simulate import Scene, check_levels, check_pings
 from echolearn.trials import FAULTS, METRICS, Condition, Trials
-from echolearn.types import Array, BadValue, Pose, Room, check, check_list, check_name, check_number, check_whole
+from echolearn.types import LATER, Array, BadValue, Pose, Room, check, check_list, check_name, check_number, check_whole
 
 CHANCE = "chance"
-VARIED = ("snr_db", "sdnr_db", "t60", "fault")
+VARIED = ("snr_db", "sdnr_db", "t60", "fault", "pings")
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Study:
     """What is varied, where, and how often.
 
     Attributes:
-        vary: snr_db, sdnr_db, t60 or fault.
+        vary: snr_db, sdnr_db, t60, fault or pings.
         values: of it, ascending; faults by name.
         room: a shoebox.
         scene: what the robot carries.
@@ -57,6 +57,7 @@ class Study:
         positions: how many.
         trials: recordings at each value, shared out evenly over the positions.
         seed: of positions and noise.
+        pings: unless varied; how many recordings are averaged, each at the levels above.
     """
 
     vary: str
@@ -71,6 +72,7 @@ class Study:
     positions: int = 20
     trials: int = 100
     seed: int = 0
+    pings: int = field(default=1, metadata=LATER)
 
     def __post_init__(self) -> None:
         check(self.vary in VARIED, "vary", self.vary, allowed=", ".join(VARIED))
@@ -95,19 +97,22 @@ class Study:
         Raises:
             BadValue: out of range, a T60 that the room cannot have, an unknown fault.
         """
-        room, snr_db, sdnr_db, fault = self.room, self.snr_db, self.sdnr_db, FAULTS["none"]
+        room, snr_db, sdnr_db, fault, pings = self.room, self.snr_db, self.sdnr_db, FAULTS["none"], self.pings
         if self.vary == "fault":
             check(value in FAULTS, "values", value, allowed=", ".join(FAULTS))
             fault = FAULTS[value]
         elif self.vary == "t60":
             room = replace(room, t60=value)
+        elif self.vary == "pings":
+            pings = value
         else:
             snr_db, sdnr_db = (value, sdnr_db) if self.vary == "snr_db" else (snr_db, value)
         for name, level in (("snr_db", snr_db), ("sdnr_db", sdnr_db)):
             if level is not None:
                 check_number(name, level, low=-100.0, high=100.0, unit="dB")
         check_levels(self.scene, snr_db=snr_db, sdnr_db=sdnr_db)
-        return Condition(room, snr_db, sdnr_db, fault)
+        check_pings(pings, "values" if self.vary == "pings" else "pings")
+        return Condition(room, snr_db, sdnr_db, fault, pings)
 
     def pose(self, position: int) -> Pose:
         """Return a pose in a corner, both of its walls at distances from `walls`, at mid-height."""

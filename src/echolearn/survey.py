@@ -1,5 +1,6 @@
 """Simulate a robot's walk through a room and store it in the recorded-survey format (`recording.py`)."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from echolearn.geometry import check_inside, outline
 from echolearn.mapping import trajectory
 from echolearn.noise.white import White
 from echolearn.progress import track
-from echolearn.simulate import Scene, check_levels, noise_alone, observe
+from echolearn.simulate import Scene, check_levels, check_pings, noise_alone, observe
 from echolearn.types import BadValue, Pose, Room, check, check_name, check_number, check_whole
 
 BEGUN = "simulated.json"
@@ -32,6 +33,7 @@ def survey(
     start: float = 0.6,
     seed: int = 0,
     noise_seconds: float | None = None,
+    pings: int = 1,
     runs: Path,
     command: str | None = None,
 ) -> Path:
@@ -48,6 +50,8 @@ def survey(
         seed: of the noise; pose p draws from `SeedSequence(seed, spawn_key=(p,))`.
         noise_seconds: of `noise.wav`, the noise alone at the first pose; 0 for none; None for 5 s of noise that is
             not white.
+        pings: K, how many recordings are averaged at each pose; the levels are those of one. `noise.wav` has the level
+            of the noise in the mean.
         runs: folder of everything generated.
         command: what makes the survey again, for the manifest; None says nothing about it.
 
@@ -64,12 +68,13 @@ def survey(
     check_levels(scene, snr_db=snr_db, sdnr_db=sdnr_db)
     alone = noise_length(scene, noise_seconds)
     check_whole("seed", seed, low=0)
+    check_pings(pings)
     walk = trajectory(room, poses=poses, start=start)
     for pose in walk:
         check_inside(room, scene.array, pose)
     folder = Path(runs) / "survey" / name
-    given = {"snr_db": snr_db, "sdnr_db": sdnr_db, "noise_seconds": alone or None}
-    told = {key: float(value) for key, value in given.items() if value is not None}
+    levels = {"snr_db": snr_db, "sdnr_db": sdnr_db}
+    told = _told(**levels, noise_seconds=alone or None, pings=pings)
     about = {"kind": "survey", "made_from": plain({"room": room, "scene": scene, "walk": walk, "seed": seed, **told})}
     if _is_finished(folder, about):
         return folder
@@ -77,9 +82,9 @@ def survey(
     store.save_json(folder / BEGUN, about)
     if alone:
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 1)))
-        heard = noise_alone(room, walk[0], scene, seconds=alone, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng)
+        heard = noise_alone(room, walk[0], scene, seconds=alone, rng=rng, pings=pings, **levels)
         store.write_atomic(folder / recording.NOISE, recording.wav_bytes(heard, scene.probe.sample_rate))
-    _write(folder, walk, room=room, scene=scene, snr_db=snr_db, sdnr_db=sdnr_db, seed=seed)
+    _write(folder, walk, room=room, scene=scene, seed=seed, told=_told(**levels, pings=pings))
     noise = [recording.NOISE] if alone else []
     files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
     store.finish(folder, about | store.made_by(command), files)
@@ -92,6 +97,12 @@ def noise_length(scene: Scene, seconds: float | None) -> float:
         return 0.0 if scene.diffuse is None and isinstance(scene.noise, White) else NOISE_SECONDS
     check_number("noise_seconds", seconds, low=0.0, high=600.0, unit="s")
     return float(seconds)
+
+
+def _told(*, pings: int, **values: float | None) -> dict[str, Any]:
+    """Return what is given of a survey's numbers; a single ping goes without saying, as it always has."""
+    told: dict[str, Any] = {key: float(value) for key, value in values.items() if value is not None}
+    return told | ({"pings": int(pings)} if pings > 1 else {})
 
 
 def _names(walk: list[Pose]) -> list[str]:
@@ -123,22 +134,20 @@ def _write(
     *,
     room: Room,
     scene: Scene,
-    snr_db: float | None,
-    sdnr_db: float | None,
     seed: int,
+    told: Mapping[str, Any],
 ) -> None:
-    names = _names(walk)
+    """Write the recordings and what describes them; `told` are the levels and pings that are given."""
+    names, levels = _names(walk), {"snr_db": None} | dict(told)
     for index, pose in enumerate(track(walk, f"survey {folder.name}", unit="poses")):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-        observation, _ = observe(room, pose, scene, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng)
+        observation, _ = observe(room, pose, scene, rng=rng, **levels)
         store.write_atomic(folder / names[index], recording.wav_bytes(observation.samples, scene.probe.sample_rate))
     padded = np.pad(scene.probe.samples, (0, scene.probe.length - len(scene.probe.samples)))
     store.write_atomic(folder / "probe.wav", recording.wav_bytes(padded, scene.probe.sample_rate))
     store.write_atomic(folder / "poses.csv", recording.poses_csv(walk, names))
-    given = {"snr_db": snr_db, "sdnr_db": sdnr_db}
-    conditions: dict[str, Any] = {key: float(level) for key, level in given.items() if level is not None}
-    noise = noise_kind(plain(scene), sensor=snr_db is not None)
-    conditions |= {"noise": noise, "room": list(room.size), "t60": room.t60}
+    noise = noise_kind(plain(scene), sensor="snr_db" in told)
+    conditions = {**told, "noise": noise, "room": list(room.size), "t60": room.t60}
     about = recording.describe(
         scene.array, scene.probe, speed_of_sound=scene.speed_of_sound, walls=outline(room), conditions=conditions
     )

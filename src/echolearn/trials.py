@@ -56,12 +56,14 @@ class Condition:
         snr_db: received probe over sensor noise; None is no such noise.
         sdnr_db: received probe over diffuse noise; None is no such noise.
         fault: of the array.
+        pings: how many recordings are averaged; the levels are those of one.
     """
 
     room: Room
     snr_db: float | None
     sdnr_db: float | None
     fault: Fault
+    pings: int = 1
 
 
 @dataclass(frozen=True)
@@ -89,18 +91,19 @@ class Trials:
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=key))
 
     def record(self) -> Observation:
-        """Return all recordings, samples (B, M, N), with the density of the noise from a recording of it alone."""
-        room, rng = self.condition.room, self.rng(1, self.place)
+        """Return all recordings, samples (B, M, N), with what a recording of the noise alone tells of it."""
+        room, rng, pings = self.condition.room, self.rng(1, self.place), self.condition.pings
         scene, gains = spoil(self.scene, self.condition.fault, rng)
         levels = {"snr_db": self.condition.snr_db, "sdnr_db": self.condition.sdnr_db}
-        alone = gains * noise_alone(room, self.pose, scene, seconds=NOISE_SECONDS, rng=rng, **levels)
+        alone = gains * noise_alone(room, self.pose, scene, seconds=NOISE_SECONDS, rng=rng, pings=pings, **levels)
         received = scene.received(room, self.pose)
         recordings = [
-            gains * add_noise(received, scene, gain_db=0.0, rng=self.rng(2, number), **levels)
+            gains * add_noise(received, scene, gain_db=0.0, rng=self.rng(2, number), pings=pings, **levels)
             for number in self.numbers
         ]
         about = (self.scene.probe, self.scene.array, self.scene.speed_of_sound)
-        return Observation(np.stack(recordings), *about, noise_psd=signals.noise_psd(alone))
+        psd, covariance = signals.noise_psd(alone), signals.noise_covariance(alone)
+        return Observation(np.stack(recordings), *about, noise_psd=psd, noise_covariance=covariance)
 
     def judge(self, localizers: Sequence[Localizer], window: SearchWindow) -> Array:
         """Return the hits of each localizer and, last, of guesses in `window`: (B, localizers + 1, metrics)."""

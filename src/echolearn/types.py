@@ -14,7 +14,7 @@ SPEED_OF_SOUND = 343.0
 """m/s, the paper's value."""
 
 LATER = MappingProxyType({"later": True})
-"""Metadata of a field that came later: left out of digests while it is None, so what was made before keeps its name."""
+"""Metadata of a field that came later: left out of digests while it has its default, so that older ones stay."""
 
 
 class BadValue(ValueError):
@@ -190,6 +190,8 @@ class Observation:
         speed_of_sound: in m/s.
         noise_psd: power spectral density of the noise alone, recorded before the walk (`signals.noise_psd`), shape
             (F,) or (M, F) at F evenly spaced frequencies from 0 to half the sample rate; None if unknown.
+        noise_covariance: of the same noise between microphones at those frequencies (`signals.noise_covariance`), shape
+            (F, M, M); None if unknown.
         sample_rate: of the recordings, in Hz, where it is known apart from the probe's; localizers refuse another.
     """
 
@@ -199,6 +201,7 @@ class Observation:
     speed_of_sound: float = SPEED_OF_SOUND
     noise_psd: Array | None = None
     sample_rate: float | None = None
+    noise_covariance: Array | None = None
 
 
 @dataclass(frozen=True)

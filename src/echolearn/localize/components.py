@@ -93,9 +93,11 @@ def differs(peak: Peak, former: Peak) -> Array:
 
 def heard(peak: Peak, search: Search, burst: Array, size: int) -> Array:
     """Return the correlations that echoes (B,) have with the probe: g a(t - tau - eta_m(phi)), shape (B, M, size)."""
+    delays = search.delays(peak.lag, peak.azimuth, peak.elevation)
+    if search.spatial is not None:
+        return search.spatial.heard(peak.gain, delays, size)
     table = _autocorrelation(np.asarray(burst, dtype=float).tobytes(), size)
     reach = table.shape[-1] // 2
-    delays = search.delays(peak.lag, peak.azimuth, peak.elevation)
     whole = np.floor(delays)
     row, part = np.divmod((delays - whole) * PHASES, 1.0)
     lags = np.arange(size) - PAD - whole.astype(int)[..., None] + reach

@@ -15,6 +15,7 @@ from echolearn.geometry import SearchWindow
 from echolearn.localize import faults
 from echolearn.localize.components import expect_maximize
 from echolearn.localize.matched import check_echoes, joint_echoes, joint_search, listen, several
+from echolearn.localize.whitening import check_whiten
 from echolearn.types import Echoes, Observation, check_whole
 
 
@@ -42,6 +43,7 @@ class Em:
 
     def __post_init__(self) -> None:
         check_whole("localizer.azimuths", self.azimuths, low=8, high=3600)
+        check_whiten(self.whiten)
         check_whole("localizer.echoes", self.echoes, low=1, high=64)
         check_whole("localizer.iterations", self.iterations, low=1, high=10_000)
 

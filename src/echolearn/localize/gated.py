@@ -22,6 +22,7 @@ from echolearn.geometry import SearchWindow, relative_delays
 from echolearn.localize import beam, faults
 from echolearn.localize.matched import GATE, Matched, check_echoes, check_extent, listen
 from echolearn.localize.snls import reference_echoes
+from echolearn.localize.whitening import check_whiten
 from echolearn.types import Array, Echoes, Observation, check, check_number, check_whole
 
 TABLE = 16
@@ -50,6 +51,7 @@ class Gated:
 
     def __post_init__(self) -> None:
         check_whole("localizer.azimuths", self.azimuths, low=8, high=3600)
+        check_whiten(self.whiten)
         check_whole("localizer.echoes", self.echoes, low=1, high=64)
         check(self.beam in ("das", "mpdr"), "localizer.beam", self.beam, allowed="das or mpdr")
         check_number("localizer.gamma", self.gamma, low=0.0, high=1.0)

@@ -4,14 +4,24 @@ All microphones are delayed for each direction in turn, summed, and correlated w
 a plane wave of unknown time, direction and gain, which in independent white noise is the maximum likelihood estimate.
 The directions are the array's plane and its axis, as for `gated`. With several echoes, RELAX: each is subtracted
 and all are estimated again (`components.relax`).
+
+`whiten: true` is the same in coloured noise, `whiten: spatial` in noise that is coloured and that the microphones
+share (`spatial.py`).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
 
 from echolearn.geometry import SearchWindow
-from echolearn.localize import faults
-from echolearn.localize.matched import check_echoes, joint_echoes, joint_search, listen, several
+from echolearn.localize import beam, faults
+from echolearn.localize.matched import Matched, check_echoes, joint_echoes, joint_search, listen, several
+from echolearn.localize.spatial import Spatial, spatial, with_density
+from echolearn.localize.whitening import check_whiten
 from echolearn.types import Echoes, Observation, check_whole
+
+FINER_GRID = 2
+"""Points of the grid per lag for whitened recordings, see `search.Search`."""
 
 
 @dataclass(frozen=True)
@@ -23,23 +33,54 @@ class Joint:
         azimuths: size of the azimuth grid (180 is 2 degrees).
         echoes: R, estimated per observation.
         refine: look between the samples and the grid's directions.
-        whiten: divide by the square root of the observation's `noise_psd` first.
+        whiten: divide by the square root of the observation's `noise_psd` first; "spatial" also weighs microphones
+            together by its `noise_covariance`.
     """
 
     window: SearchWindow = field(default_factory=SearchWindow)
     azimuths: int = 180
     echoes: int = 1
     refine: bool = True
-    whiten: bool = False
+    whiten: bool | str = False
 
     def __post_init__(self) -> None:
         check_whole("localizer.azimuths", self.azimuths, low=8, high=3600)
         check_whole("localizer.echoes", self.echoes, low=1, high=64)
+        check_whiten(self.whiten, "spatial")
 
     def __call__(self, observation: Observation) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
-        matched = listen(observation, self.window, azimuths=self.azimuths, whiten=self.whiten, whole=False)
+        if self.whiten == "spatial":
+            return self._weighted(observation)
+        matched = listen(observation, self.window, azimuths=self.azimuths, whiten=bool(self.whiten), whole=False)
         check_echoes(matched, self.echoes)
         faults.tell(matched.silent, reference=False)
-        search = joint_search(matched, refine=self.refine, finer=2 if self.whiten else 1)
+        search = joint_search(matched, refine=self.refine, finer=FINER_GRID if self.whiten else 1)
         return joint_echoes(matched, search, several(matched, search, echoes=self.echoes))
+
+    def _weighted(self, observation: Observation) -> Echoes:
+        """Estimate with all microphones weighed together, those that do not hear left out of each recording."""
+        observation = with_density(observation)
+        white = listen(observation, self.window, azimuths=self.azimuths, whiten=True, whole=False)
+        check_echoes(white, self.echoes)
+        faults.tell(white.silent, reference=False)
+        patterns, which = np.unique(white.silent, axis=0, return_inverse=True)
+        found = np.empty((len(fields(Echoes)), len(which), self.echoes))
+        for number, silent in enumerate(patterns):
+            rows = which.ravel() == number
+            weighting = spatial(white.observation, observation, heard=~silent)
+            echoes = self._alike(weighting, replace(white.observation, samples=white.observation.samples[rows]))
+            found[:, rows] = [getattr(echoes, f.name) for f in fields(Echoes)]
+        return Echoes(*found)
+
+    def _alike(self, weighting: Spatial, white: Observation) -> Echoes:
+        """Estimate from whitened recordings (B, M, N) that share their silent microphones."""
+        samples = weighting.whiten(white.samples)
+        matched = Matched(replace(white, samples=samples), self.window, self.azimuths)
+        lags = {"first": matched.first - beam.PAD, "last": matched.last + beam.PAD}
+        weights = np.ones(samples.shape[:2])
+        search = replace(
+            joint_search(matched, weights=weights, refine=self.refine, finer=FINER_GRID), spatial=weighting
+        )
+        padded = weighting.correlate(white.samples, **lags)
+        return joint_echoes(matched, search, several(matched, search, echoes=self.echoes, padded=padded))

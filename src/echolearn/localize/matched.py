@@ -182,12 +182,20 @@ def reference_search(matched: Matched, *, refine: bool = True, finer: int = 1) -
     return Search(alone, nowhere, nowhere, matched.scale, ones, matched.probe_energy, refine, finer)
 
 
-def several(matched: Matched, search: Search, *, echoes: int) -> list[Peak]:
-    """Return R echoes by RELAX, of all microphones or of the first, as the search has them."""
+def several(matched: Matched, search: Search, *, echoes: int, padded: Array | None = None) -> list[Peak]:
+    """Return R echoes by RELAX, of all microphones or of the first, as the search has them.
+
+    Args:
+        matched: the recordings.
+        search: of echoes.
+        echoes: R.
+        padded: correlations to search instead of the recordings' own, shape (B, M, L + 2 PAD).
+    """
     microphones = len(search.array)
     energy = faults.energies(matched.observation.samples[:, :microphones])
     burst = matched.observation.probe.samples
-    return relax(matched.padded[:, :microphones], search, echoes=echoes, burst=burst, energy=energy)
+    heard = matched.padded[:, :microphones] if padded is None else padded
+    return relax(heard, search, echoes=echoes, burst=burst, energy=energy)
 
 
 def joint_echoes(matched: Matched, search: Search, peaks: Sequence[Peak]) -> Echoes:
@@ -200,7 +208,8 @@ def joint_echoes(matched: Matched, search: Search, peaks: Sequence[Peak]) -> Ech
         delays = np.rint(search.delays(peak.lag, peak.azimuth, peak.elevation)).astype(int)
         index = np.clip(delays, 0, matched.last - matched.first)
         energy = np.take_along_axis(matched.energy, index[..., None], axis=-1)[..., 0]
-        largest = search.weights.sum(axis=-1) * (search.weights * energy).sum(axis=-1) * matched.probe_energy
+        share = search.share(peak.azimuth, peak.elevation)
+        largest = share * (search.weights * energy).sum(axis=-1) * matched.probe_energy
         score = np.clip(peak.height / np.sqrt(np.where(largest > 0, largest, np.inf)), -1.0, 1.0)
         rows.append(np.stack([*(getattr(peak, name) for name in names), score]))
     stacked = np.stack(rows, axis=-1)

@@ -24,6 +24,7 @@ from echolearn.localize import beam, faults
 from echolearn.localize.matched import FINER, Matched, joint_echoes, joint_search, listen, reference_search
 from echolearn.localize.search import Peak
 from echolearn.localize.snls import heard_spectrum
+from echolearn.localize.whitening import check_whiten
 from echolearn.types import Array, Echoes, Observation, check_number, check_whole
 
 
@@ -47,6 +48,7 @@ class Mclam:
 
     def __post_init__(self) -> None:
         check_whole("localizer.azimuths", self.azimuths, low=8, high=3600)
+        check_whiten(self.whiten)
         check_number("localizer.gamma", self.gamma, low=0.0, high=1.0)
         check_number("localizer.false_alarm", self.false_alarm, low=1e-12, high=1.0)
 

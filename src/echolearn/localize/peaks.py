@@ -17,6 +17,7 @@ from echolearn.geometry import SearchWindow
 from echolearn.localize import faults
 from echolearn.localize.matched import APART, Matched, check_echoes, listen
 from echolearn.localize.snls import paired, timed
+from echolearn.localize.whitening import check_whiten
 from echolearn.types import Array, Echoes, Observation, check_number, check_whole
 
 
@@ -42,6 +43,7 @@ class Peaks:
 
     def __post_init__(self) -> None:
         check_whole("localizer.azimuths", self.azimuths, low=8, high=3600)
+        check_whiten(self.whiten)
         check_number("localizer.gamma", self.gamma, low=0.0, high=1.0)
         check_whole("localizer.echoes", self.echoes, low=1, high=64)
         check_number("localizer.loading", self.loading, low=0.0, high=1e6)

@@ -6,8 +6,9 @@ Newton's steps climb to the summit: with d_m = tau + eta_m(phi),
     dJ/dtau = sum w r'(d_m),    dJ/dphi = sum w r'(d_m) eta_m',    and so on for the second derivatives,
 
 where r' and r'' are exact derivatives of the band-limited r_m. A climb that leaves its cell of the grid is cut short,
-and one that does not end higher is undone. The grid is always searched first and whole: refining the one best point
-costs a hundredth of refining before choosing.
+and one that does not end higher is undone. (In noise that microphones share J is climbed and J / sqrt(E) compared: E
+hardly changes within a cell.) The grid is always searched first and whole: refining the one best point costs a
+hundredth of refining before choosing.
 """
 
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from scipy import fft
 
 from echolearn.geometry import direction, relative_delays
 from echolearn.localize import beam
+from echolearn.localize.spatial import Spatial
 from echolearn.types import Array, MicArray
 
 STEPS = 5
@@ -54,6 +56,8 @@ class Search:
         refine: climb between the points of the grid.
         finer: points of the grid per lag. Whitened echoes ring close to half the sample rate, where one point per lag
             may miss a crest between two samples and take a side lobe.
+        spatial: noise that microphones share; then the correlations are weighted by it, weights 1, and J / sqrt(E) is
+            searched.
     """
 
     array: MicArray
@@ -64,6 +68,7 @@ class Search:
     probe_energy: float
     refine: bool = True
     finer: int = 1
+    spatial: Spatial | None = None
 
     def __call__(self, padded: Array) -> Peak:
         """Return the largest J inside the window of correlations (B, M, L + 2 PAD)."""
@@ -72,13 +77,20 @@ class Search:
             weighted, self.array, self.azimuth, self.elevation, scale=self.scale, finer=self.finer
         )
         inside = surface[..., beam.PAD * self.finer : 1 - (beam.PAD + 1) * self.finer]
+        if self.spatial is not None:
+            inside = inside / np.sqrt(self.share(self.azimuth, self.elevation))[:, None]
         best = np.stack(np.unravel_index(inside.reshape(len(inside), -1).argmax(axis=-1), inside.shape[1:]))
         spot = (best[1] / self.finer, self.azimuth[best[0]], self.elevation[best[0]])
         if self.refine:
             spot = self.climb(fft.rfft(weighted), padded.shape[-1], *spot)
         height = self.read(weighted, *spot).sum(axis=-1)
-        total = self.probe_energy * np.maximum(self.weights.sum(axis=-1), np.finfo(float).tiny)
-        return Peak(*spot, height / total, height)
+        return Peak(*spot, height / (self.probe_energy * self.share(*spot[1:])), height)
+
+    def share(self, azimuth: Array, elevation: Array) -> Array:
+        """Return E(phi) / ||s||^2 of directions, J of an echo of gain 1: the sum of the weights, shape (B,) or (A,)."""
+        if self.spatial is not None:
+            return self.spatial.strength(azimuth, elevation) / self.probe_energy
+        return np.maximum(self.weights.sum(axis=-1), np.finfo(float).tiny)
 
     def delays(self, lag: Array, azimuth: Array, elevation: Array) -> Array:
         """Return tau + eta_m(phi) of echoes (B,), in samples after the window's first lag, shape (B, M)."""
@@ -102,6 +114,7 @@ class Search:
             here = np.clip(np.clip(here, start - reach, start + reach), bottom, top)
         heights = [
             derivatives(spectrum, size, self.delays(point[0], point[1], elevation))[0].sum(axis=-1)
+            / (1.0 if self.spatial is None else np.sqrt(self.share(point[1], elevation)))
             for point in (start, here)
         ]
         lag, azimuth = np.where(heights[1] > heights[0], here, start)

@@ -16,6 +16,7 @@ from echolearn import signals
 from echolearn.geometry import SearchWindow, relative_delays
 from echolearn.localize import beam, faults
 from echolearn.localize.matched import FINER, Matched, check_echoes, listen, reference_search, several
+from echolearn.localize.whitening import check_whiten
 from echolearn.types import Array, Echoes, MicArray, Observation, check, check_number, check_whole
 
 
@@ -41,6 +42,7 @@ class Snls:
 
     def __post_init__(self) -> None:
         check_whole("localizer.azimuths", self.azimuths, low=8, high=3600)
+        check_whiten(self.whiten)
         check_whole("localizer.elevations", self.elevations, low=1, high=90)
         directions = self.azimuths * self.elevations
         allowed = "azimuths * elevations up to 7200, for memory"

@@ -49,6 +49,13 @@ def check_known(observation: Observation) -> None:
     check(known, "localizer.whiten", True, allowed="only with observation.noise_psd", hint=hint)
 
 
+def check_whiten(value: object, *more: str) -> None:
+    """Raise `BadValue` unless `value` is a way in which a localizer can whiten: true, false or one of `more`."""
+    allowed = ", ".join(["true", "false", *more])
+    known = isinstance(value, bool) or value in more
+    check(known, "localizer.whiten", value, allowed=allowed, hint="" if more else "spatial is for localizer=joint")
+
+
 def colour(psd: Array) -> Array:
     """Return the mean shape of densities (M, F), scaled to mean 1, shape (F,); silent microphones do not count."""
     level = psd.mean(axis=-1, keepdims=True)
