@@ -183,3 +183,23 @@ def test_suggestions_look_at_the_whole_name_then_at_its_last_part() -> None:
 def test_the_folder_of_configurations_is_absolute() -> None:
     assert folder().is_absolute()
     assert (Path(folder()) / "train.yaml").is_file()
+
+
+@pytest.mark.parametrize(
+    ("command", "word", "message"),
+    [
+        ("generate", "plan.room=null", "plan.room=null: plan.room cannot be null"),
+        ("generate", "window=null", "window cannot be null"),
+        ("generate", "runs=null", "runs cannot be null"),
+        ("generate", "plan=null", "plan=null: plan cannot be left out; it is one of"),
+    ],
+)
+def test_what_must_be_there_is_not_set_to_null(command: str, word: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        compose(command, [word])
+
+
+def test_diffuse_noise_can_be_left_out_and_a_level_set_to_null() -> None:
+    [(_, config)] = compose("generate", ["plan=scattered_rotor", "diffuse=null", "plan.sdnr_db=null"])
+    assert config["scene"]["diffuse"] is None
+    assert config["plan"]["sdnr_db"] is None

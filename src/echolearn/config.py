@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
 Config = dict[str, Any]
 
+OPTIONAL = ("diffuse",)
+"""Groups of which nothing may be chosen, group=null."""
+
 TARGET = "_target_"
 
 ALLOWED = ("echolearn.", "torch.nn.")
@@ -166,7 +169,7 @@ def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, Sequence
         yield (
             " ".join(swept),
             job,
-            [word for word in job if chooses(word)],
+            [_chosen(parse(word)) for word in job if chooses(word)],
             [parse(word) for word in job if not chooses(word)],
         )
 
@@ -191,7 +194,14 @@ def _chooses(override: "Override") -> bool:
     options = GlobalHydra.instance().config_loader().get_group_options(group)
     if options and isinstance(option, str) and option not in options:
         raise UsageError(f"{word}: {group} has no option {option}; {suggest(option, options)}")
+    if options and option is None and group not in OPTIONAL:
+        raise UsageError(f"{word}: {group} cannot be left out; it is one of {', '.join(options)}")
     return bool(options)
+
+
+def _chosen(override: "Override") -> str:
+    """Return how Hydra says what an override chooses, which may be nothing."""
+    return f"~{override.key_or_group}" if override.value() is None else override.input_line or ""
 
 
 def _configure(
@@ -210,13 +220,15 @@ def _configure(
 def _set(config: "DictConfig", override: "Override", known: Sequence[str]) -> None:
     """Set one value. Its key must exist, or belong to a call, which knows its own keys and refuses others."""
     from hydra.core.override_parser.types import OverrideType
-    from omegaconf import OmegaConf
+    from omegaconf import DictConfig, OmegaConf
 
     key, word, parent = override.key_or_group, override.input_line, override.key_or_group.rpartition(".")[0]
     if override.type == OverrideType.DEL:
         raise UsageError(f"{word}: keys are set, not deleted; set it to null")
     if key not in known and f"{parent}.{TARGET}" not in known:
         raise UsageError(f"{word}: there is no key {key}; {suggest(key, known)}")
+    if override.value() is None and isinstance(OmegaConf.select(config, key), str | DictConfig):
+        raise UsageError(f"{word}: {key} cannot be null")
     OmegaConf.update(config, key, override.value(), merge=True, force_add=True)
 
 

@@ -42,7 +42,7 @@ def feet(corners: Array, poses: Array) -> tuple[Array, Array]:
 
 
 def attainable(corners: Array, poses: Array) -> float:
-    """Return the share of `poses` (P, 2) with a wall 1 to 2 m away, the most a map of one echo a pose can get right."""
+    """Return the share of `poses` (P, 2) with a wall 1 to 2 m away: about what one echo a pose can get right."""
     return float(feet(corners, poses)[1].any(axis=1).mean()) if len(poses) else float("nan")
 
 

@@ -134,11 +134,13 @@ def _write(plan: Plan, mark: Path, shard: int) -> None:
 
 
 def _await(paths: list[Path]) -> None:
-    """Wait for files that others have written: a network's disk may show them late."""
-    until = time.monotonic() + PATIENCE
-    while (absent := [path for path in paths if not path.is_file()]) and time.monotonic() < until:
+    """Wait for files that others have written: a network's disk may show them late. A finished set has none left."""
+    until, folder = time.monotonic() + PATIENCE, paths[0].parent
+    while absent := [path for path in paths if not path.is_file()]:
+        if store.is_finished(folder):  # by another command
+            return
+        check(time.monotonic() < until, "runs", folder, allowed=f"{SHARED} ({absent[0].name} is not seen)")
         time.sleep(0.2)
-    check(not absent, "runs", paths[0].parent, allowed=SHARED)
 
 
 def records(plan: Plan, rows: range) -> Array:

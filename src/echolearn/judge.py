@@ -185,7 +185,7 @@ class Heard:
 
     @property
     def attainable(self) -> float:
-        """Share of poses with a wall 1 to 2 m away: the most a map of one echo a pose can get right."""
+        """Share of poses with a wall 1 to 2 m away: about what one echo a pose can get right."""
         return attainable(self.corners, self.poses)
 
 

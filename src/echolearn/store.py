@@ -12,6 +12,7 @@ moves those checksums into the manifest. Nothing here reads or writes pickles.
 The same input gives the same bytes: JSON has sorted keys and shortest floats, and nothing carries a time stamp.
 """
 
+import errno
 import fcntl
 import hashlib
 import json
@@ -32,6 +33,9 @@ MANIFEST = "manifest.json"
 METRICS = "metrics.json"
 BUNDLE = "bundle.json"
 """A folder is finished when it has one of the three: a manifest, the metrics of a trained run, or a bundle's."""
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors against which more room helps."""
 
 MEND = "make it again as it was made"
 """What to do about a damaged file whose manifest names no `command`."""
@@ -83,7 +87,8 @@ def write_atomic(path: Path, content: bytes | Callable[[BinaryIO], object]) -> N
         sync_folder(path.parent)
     except OSError as error:
         reason = error.strerror or error
-        raise BadValue(f"{path}: cannot be written ({reason}); make room and run the same command again") from error
+        advice = "make room and run the same command again" if error.errno in FULL else "is the folder the right one?"
+        raise BadValue(f"{path}: cannot be written ({reason}); {advice}") from error
     finally:
         with suppress(OSError):
             temporary.unlink()

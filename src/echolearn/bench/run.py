@@ -88,6 +88,7 @@ def bench(
         StagesFailed: some did; what the others found is in the folder.
     """
     check_list("stages", stages)
+    check(len(stages) > 0, "stages", "[]", allowed=f"some of {', '.join(STAGES)}", hint="a benchmark replaces the last")
     for stage in stages:
         check(stage in STAGES, "stages", stage, allowed=f"of {', '.join(STAGES)}", hint=suggest(str(stage), [*STAGES]))
     for path, markers in ((readme, README), (scaling, SCALING)):

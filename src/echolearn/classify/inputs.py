@@ -34,7 +34,7 @@ def check_inputs(inputs: Sequence[str], *, views: Sequence[str] = (FEATURES,)) -
     Raises:
         BadValue: not a list of distinct names, a name that is the truth's, several tensors, or the wrong view.
     """
-    named = not isinstance(inputs, str) and len(inputs) > 0 and all(isinstance(name, str) for name in inputs)
+    named = isinstance(inputs, list | tuple) and len(inputs) > 0 and all(isinstance(name, str) for name in inputs)
     check(named, "classifier.inputs", inputs, allowed="a list of column names, or of one tensor's name")
     names, shown = tuple(inputs), list(inputs)
     check(len(set(names)) == len(names), "classifier.inputs", shown, allowed="each name once")
