@@ -222,6 +222,19 @@ def test_what_a_plan_without_diffuse_noise_is_called_has_not_changed(
     )
 
 
+def test_several_pings_are_part_of_a_plan_and_of_its_rows_where_there_are_several(scattered: ScatteredPlan) -> None:
+    many = replace(scattered, pings=100)
+    assert "pings" not in plain(scattered)
+    assert plain(many) == plain(scattered) | {"pings": 100}
+    one, mean = records(scattered, range(6)), records(many, range(6))
+    assert set(mean.dtype.names) - set(one.dtype.names) == {"pings"}
+    assert (mean["pings"] == 100).all()
+    assert np.array_equal(one["snr_db"], mean["snr_db"])  # of one ping
+    assert (np.abs(mean["score"]) > np.abs(one["score"])).all()
+    with pytest.raises(BadValue, match=r"^plan.pings=0"):
+        replace(scattered, pings=0)
+
+
 def test_rows_with_diffuse_noise_depend_on_the_seed_alone(
     hovering: ScatteredPlan, scattered: ScatteredPlan, tmp_path: Path
 ) -> None:

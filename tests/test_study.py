@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from echolearn import config, store, study
+from echolearn.dataset import plain
 from echolearn.geometry import circular_array, true_echoes
 from echolearn.localize.gated import Gated
 from echolearn.localize.joint import Joint
@@ -15,6 +16,7 @@ from echolearn.rir.images import Images
 from echolearn.signals import noise_probe
 from echolearn.simulate import Scene
 from echolearn.study import Study
+from echolearn.trials import METRICS
 from echolearn.types import BadValue, Room
 
 EXPERIMENTS = sorted(path.stem for path in (config.folder() / "experiment").glob("*.yaml"))
@@ -101,6 +103,22 @@ def test_positions_are_where_they_should_be():
         assert window[0] <= near.min() < near.max() <= window[1]
 
 
+@pytest.mark.parametrize(("snr_db", "pings"), [(-20.0, 10), (-30.0, 100)])
+def test_ten_times_the_pings_hear_ten_decibels_deeper(snr_db, pings):
+    """Joint keeps 90 % of the map near two walls where a single ping leaves little more than chance."""
+    papers = {"room": Room((10.0, 8.0, 5.0), 0.6), "scene": replace(SMALL.scene, probe=noise_probe())}
+    varied = {"vary": "pings", "values": [1, pings], "snr_db": snr_db, "localizers": {"joint": Joint()}}
+    deep = replace(SMALL, trials=24, **papers, **varied)
+    one, many = (study.listen(deep, value)["hit"][:, 0].mean(axis=0)[METRICS.index("on_map")] for value in (1, pings))
+    assert many >= 0.9
+    assert one <= 0.5
+
+
+def test_a_single_ping_leaves_older_studies_their_identity():
+    assert "pings" not in plain(SMALL)
+    assert plain(replace(SMALL, pings=2))["pings"] == 2
+
+
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_experiment_can_be_built(name):
     [(_, about)] = config.compose("study", [f"experiment={name}"])
@@ -123,6 +141,8 @@ def test_every_experiment_can_be_built(name):
         ({"vary": "sdnr_db", "values": [0.0]}, "sdnr_db"),
         ({"positions": 1}, "positions=1"),
         ({"trials": 3}, "trials=3"),
+        ({"pings": 0}, "pings=0"),
+        ({"vary": "pings", "values": [1, 2.5]}, "values=2.5"),
         ({"walls": (1.0, 40.0)}, "room"),
         ({"localizers": {}}, "localizers"),
     ],

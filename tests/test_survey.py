@@ -163,6 +163,7 @@ def test_other_settings_under_the_same_name_are_refused(
         ({"snr_db": "loud"}, "snr_db=loud dB"),
         ({"snr_db": float("nan")}, "snr_db=nan dB"),
         ({"seed": -1}, "seed=-1"),
+        ({"pings": 0}, "pings=0"),
         ({"poses": 0}, "trajectory.poses=0"),
         ({"room": Room((2.0, 2.0, 3.0), 0.2)}, ""),
     ],
@@ -184,6 +185,28 @@ def test_recordings_of_another_origin_are_never_overwritten(walk: Walk, tmp_path
     with pytest.raises(BadValue, match="another origin"):
         walk(tmp_path / "runs", name="robot")
     assert (folder / "observations" / "0000.wav").read_bytes() == b"a real robot"
+
+
+# ---------------------------------------------------------------- several pings
+
+
+def test_recordings_are_the_mean_of_several_pings_and_the_conditions_say_so(
+    walk: Walk, finished: Path, brief: Scene, tmp_path: Path
+) -> None:
+    folder = walk(tmp_path, pings=16, poses=2, noise_seconds=1.0)
+    read, single = recording.read(folder), recording.read(finished)
+    assert (read.conditions["pings"], read.conditions["snr_db"]) == (16, 5.0)
+    assert "pings" not in single.conditions
+    heard = read.observe([0]).samples[0]
+    rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(0,)))
+    expected, _ = observe(ROOM, read.poses[0], brief, snr_db=5.0, rng=rng, pings=16)
+    assert np.allclose(heard, expected.samples, atol=1e-6)
+    noise, power = read.noise(), np.mean(brief.received(ROOM, read.poses[0]) ** 2, axis=-1)
+    assert noise is not None
+    assert np.allclose(np.mean(noise**2, axis=-1), power * 10**-0.5 / 16, rtol=0.1)
+    with pytest.raises(BadValue, match=r"^name=few: .* was made with others$"):
+        walk(tmp_path, pings=15, poses=2, noise_seconds=1.0)
+    assert contents(walk(tmp_path / "one", pings=1)) == contents(finished)
 
 
 # ---------------------------------------------------------------- noise

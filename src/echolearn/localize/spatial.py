@@ -145,7 +145,7 @@ def check_covariance(observation: Observation) -> Array:
     known, hint = observation.noise_covariance is not None, "record the noise alone and give signals.noise_covariance"
     check(known, "localizer.whiten", "spatial", allowed="only with observation.noise_covariance", hint=hint)
     found, name, count = (
-        np.asarray(observation.noise_covariance),
+        np.asarray(observation.noise_covariance, dtype=complex),
         "observation.noise_covariance",
         len(observation.array),
     )
