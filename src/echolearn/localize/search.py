@@ -78,7 +78,8 @@ class Search:
         )
         inside = surface[..., beam.PAD * self.finer : 1 - (beam.PAD + 1) * self.finer]
         if self.spatial is not None:
-            inside = inside / np.sqrt(self.share(self.azimuth, self.elevation))[:, None]
+            strength = self.spatial.grid_strength(self.azimuth, self.elevation)
+            inside = inside / np.sqrt(strength / self.probe_energy)[:, None]
         best = np.stack(np.unravel_index(inside.reshape(len(inside), -1).argmax(axis=-1), inside.shape[1:]))
         spot = (best[1] / self.finer, self.azimuth[best[0]], self.elevation[best[0]])
         if self.refine:

@@ -67,13 +67,18 @@ class Spatial:
         """Angular frequencies, rad per sample, shape (size // 2 + 1,)."""
         return 2 * np.pi * np.fft.rfftfreq(self.size)
 
+    @cached_property
+    def inverse(self) -> Array:
+        """Gamma^-1, shape (size // 2 + 1, M, M)."""
+        return self.root @ self.root
+
     def whiten(self, samples: Array) -> Array:
         """Return recordings (B, M, N) with noise that is independent between microphones, Gamma^-1/2 y."""
         return self._apply(self.root, samples)[..., : samples.shape[-1]]
 
     def correlate(self, samples: Array, *, first: int, last: int) -> Array:
         """Return conj(s) Gamma^-1 y at lags `first` to `last`, also negative ones, shape (B, M, lags)."""
-        full = self._apply(self.probe.conj()[:, None, None] * self.root @ self.root, samples)
+        full = self._apply(self.probe.conj()[:, None, None] * self.inverse, samples)
         return full[..., np.arange(first, last + 1)]
 
     def _apply(self, matrices: Array, samples: Array) -> Array:
@@ -85,7 +90,18 @@ class Spatial:
         late = relative_delays(self.array, azimuth, elevation, 1.0) * self.scale
         turned = np.exp(-1j * self.omega[:, None, None] * late.T)  # (F, M, A)
         energy = np.square(np.abs(self.root @ turned)).sum(axis=1)
-        return self._weights @ energy
+        return np.asarray(self._weights @ energy)
+
+    def grid_strength(self, azimuth: Array, elevation: Array) -> Array:
+        """Return E(phi) of a grid of directions (A,), which is computed once, shape (A,)."""
+        key = azimuth.tobytes() + elevation.tobytes()
+        if key not in self._grids:
+            self._grids[key] = self.strength(azimuth, elevation)
+        return self._grids[key]
+
+    @cached_property
+    def _grids(self) -> dict[bytes, Array]:
+        return {}
 
     @cached_property
     def _weights(self) -> Array:
@@ -102,7 +118,7 @@ class Spatial:
             size: of the correlations, which begin `PAD` lags before the window.
         """
         wave = np.exp(-1j * self.omega[:, None, None] * (delays + beam.PAD))  # (F, B, M)
-        matrices = np.square(np.abs(self.probe))[:, None, None] * self.root @ self.root
+        matrices = np.square(np.abs(self.probe))[:, None, None] * self.inverse
         full = fft.irfft(np.moveaxis(wave @ matrices.mT, 0, -1), self.size)
         return gain[:, None, None] * full[..., :size]
 
@@ -142,13 +158,10 @@ def check_covariance(observation: Observation) -> Array:
     Raises:
         BadValue: it does not.
     """
+    name, count = "observation.noise_covariance", len(observation.array)
     known, hint = observation.noise_covariance is not None, "record the noise alone and give signals.noise_covariance"
-    check(known, "localizer.whiten", "spatial", allowed="only with observation.noise_covariance", hint=hint)
-    found, name, count = (
-        np.asarray(observation.noise_covariance, dtype=complex),
-        "observation.noise_covariance",
-        len(observation.array),
-    )
+    check(known, "localizer.whiten", "spatial", allowed=f"only with {name}", hint=hint)
+    found = np.asarray(observation.noise_covariance, dtype=complex)
     fits = found.ndim == 3 and found.shape[1:] == (count, count) and len(found) > 1
     check(fits, name, found.shape, allowed=f"shape (F, {count}, {count})")
     check(bool(np.isfinite(found).all()), name, "NaN or infinity", allowed="finite numbers")
