@@ -134,7 +134,8 @@ def test_the_gain_is_that_of_the_echo(localizer: Localizer) -> None:
 def test_the_score_says_how_much_is_probe(localizer: Localizer) -> None:
     """Echo and noise of equal power under the probe correlate at sqrt(1/2); a direction off by 1 degree costs 3 %."""
     clean, even = (localizer(observation(echo_from(0.5, gain=0.1, noise=n))) for n in (1e-4, 0.1))
-    assert 0.97 < clean.score[0, 0] <= 1.0 + 1e-9
+    at_microphone_1 = isinstance(localizer, Snls | Gated)
+    assert clean.score[0, 0] == pytest.approx(1.0, abs=1e-3 if at_microphone_1 else 0.03)
     assert even.score[0, 0] == pytest.approx(np.sqrt(0.5), abs=0.06)
 
 
@@ -152,7 +153,8 @@ def test_another_speed_of_sound_is_another_geometry(localizer: Localizer) -> Non
     """Air scaled with the ring: the same recordings, the same directions; in the other window, the same samples."""
     heard = observation(echo_from(0.7))
     scaled = Observation(heard.samples, PROBE, MicArray(2 * RING.positions), 686.0)
-    assert localizer(scaled).azimuth[0, 0] == pytest.approx(localizer(heard).azimuth[0, 0], abs=np.radians(0.2))
+    between = 0.0 if isinstance(localizer, Snls | Gated) else np.radians(0.2)  # those that refine the grid's direction
+    assert localizer(scaled).azimuth[0, 0] == pytest.approx(localizer(heard).azimuth[0, 0], abs=between + 1e-12)
 
 
 def test_silence_is_answered_with_finite_numbers(localizer: Localizer) -> None:
