@@ -85,27 +85,6 @@ def test_pose_by_pose_the_same_points_come_out(
     assert {len(step.points) for step in steps} == {0, 1} and all(step.kept.all() for step in steps)
 
 
-def test_several_echoes_are_judged_one_by_one(scorer: Scorer, walk: recording.Survey, observation: Observation) -> None:
-    """Two localizers in one: each recording's echo, and that of the next recording, which is not there."""
-    first = scorer.bundle.localizer(observation)
-    shifted = [np.concatenate([a, np.roll(a, 1, axis=0)], axis=1) for a in vars(first).values()]
-    twice = replace(scorer, bundle=replace(scorer.bundle, localizer=_Two(scorer.bundle.localizer.window, shifted)))
-    found, single = twice.listen(observation, walk.poses), scorer.listen(observation, walk.poses)
-    assert found.map.points.shape == (2 * POSES, 2)
-    assert np.allclose(found.map.confidence[::2], single.map.confidence, atol=1e-6)
-    assert found.map.confidence[1::2].mean() < found.map.confidence[::2].mean()
-
-
-class _Two:
-    def __init__(self, window: object, fields: list[np.ndarray]) -> None:
-        self.window, self.fields = window, fields
-
-    def __call__(self, observation: Observation) -> object:
-        from echolearn.types import Echoes
-
-        return Echoes(*self.fields)
-
-
 def test_a_gain_of_the_recording_and_a_louder_copy_of_the_probe_change_nothing(
     scorer: Scorer, walk: recording.Survey, observation: Observation
 ) -> None:

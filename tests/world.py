@@ -90,9 +90,8 @@ def write_set(plan: Plan, runs: Path) -> Dataset:
     """Write the set of a plan, and open it."""
     folder = folder_of(plan, runs)
     store.write_shard(folder, 0, records(plan, range(len(plan))))
-    store.finish(
-        folder, {"kind": "set", "format": FORMAT, "rows": len(plan), "plan": plain(plan)}, [store.shard_name(0)]
-    )
+    rows = len(plan) * plan.localizer.echoes
+    store.finish(folder, {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}, [store.shard_name(0)])
     return Dataset(folder)
 
 

@@ -3,13 +3,17 @@
 Row i of a set depends on `SeedSequence(plan.seed, spawn_key=(i,))` alone, and shards are always computed
 whole and with one thread, so the bytes are the same for any engine, any number of workers and any interruption.
 
-A shard is one structured array, a record per observation: the columns and tensors of `features`, the labels
+A shard is one structured array, a record per echo: the columns and tensors of `features`, the labels
 
-- `reflector` (the paper's): |estimated - true TOA| < 10 samples for some reflecting wall,
+- `reflector` (the paper's): |estimated - true TOA| < 10 samples for some reflecting wall; of several echoes of one
+  observation no two for the same wall (`matching`),
 - `on_map`: the map point (TOA and DOA together) lies within 0.10 m of the room's outline,
 
 and what the estimator did not know: SNR, gain, T60, room, pose, true TOAs, and `group`, the position's number,
 by which every split is made; SDNR only in sets with diffuse noise, pings only where several are averaged.
+
+Where a plan's localizer finds R > 1 echoes, an observation has R records one after the other, strongest first, with the
+number `echo` from 0 and the `wall` that each was matched with, its place in `truth_toa`, or -1.
 """
 
 import time
@@ -27,12 +31,13 @@ import numpy as np
 from echolearn import features, store
 from echolearn.engine import Engine
 from echolearn.geometry import check_inside, distance_to_outline, outline, true_echoes, wall_points
-from echolearn.localize.matched import Matched
+from echolearn.localize.matched import view
+from echolearn.matching import UNMATCHED, match_echoes
 from echolearn.plans import Plan, Spot
 from echolearn.progress import track
 from echolearn.signals import joint_db
 from echolearn.simulate import Scene, add_noise
-from echolearn.types import Array, BadValue, Observation, check, check_number
+from echolearn.types import Array, BadValue, Echoes, Observation, check, check_number
 
 FORMAT = 1
 """Version of the records; part of every digest."""
@@ -112,7 +117,7 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
     if missing:
         _simulate(plan, folder, missing, done=len(names) - len(missing), engine=engine)
     if missing or not store.is_finished(folder):
-        about = {"kind": "set", "format": FORMAT, "rows": len(plan), "plan": plain(plan)}
+        about = {"kind": "set", "format": FORMAT, "rows": len(plan) * plan.localizer.echoes, "plan": plain(plan)}
         store.finish(folder, about | store.made_by(command), names)
     return folder
 
@@ -144,15 +149,17 @@ def _await(paths: list[Path]) -> None:
 
 
 def records(plan: Plan, rows: range) -> Array:
-    """Return the records of `rows` of a plan as a structured array, shape (B,)."""
+    """Return the records of the observations `rows` of a plan as a structured array, shape (B * R,)."""
     spots, samples = zip(*_observe(plan, rows), strict=True)
     scene = plan.scene
     observation = Observation(np.stack(samples), scene.probe, scene.array, scene.speed_of_sound)
-    matched = Matched(observation, plan.window)
+    matched = view(observation, plan.window)
     echoes = plan.localizer(observation)
-    columns = features.describe(matched, echoes) | _context(spots) | _labels(spots, echoes, scene)
+    count = echoes.toa.shape[1]
+    heard = tuple(spot for spot in spots for _ in range(count))
+    columns = features.describe(matched, echoes) | _context(heard) | _labels(spots, echoes, scene)
     dtype = [(name, value.dtype, value.shape[1:]) for name, value in columns.items()]
-    table = np.empty(len(rows), dtype=dtype)
+    table = np.empty(len(heard), dtype=dtype)
     for name, value in columns.items():
         table[name] = value
     return table
@@ -189,13 +196,15 @@ def _context(spots: tuple[Spot, ...]) -> dict[str, Array]:
     }
 
 
-def _labels(spots: tuple[Spot, ...], echoes: Any, scene: Scene) -> dict[str, Array]:
-    truth_toa = np.full((len(spots), 6), np.nan)
-    on_map = np.zeros(len(spots), dtype=bool)
+def _labels(spots: tuple[Spot, ...], echoes: Echoes, scene: Scene) -> dict[str, Array]:
+    """Return the labels of echoes (B, R), rows observation by observation."""
+    shape, tolerance = echoes.toa.shape, TOLERANCE_SAMPLES / scene.probe.sample_rate
+    truth, wall, on_map = np.full((*shape, 6), np.nan), np.empty(shape, dtype=int), np.empty(shape, dtype=bool)
     for row, spot in enumerate(spots):
         toa = true_echoes(spot.room, spot.pose, scene.array, scene.speed_of_sound).toa
-        truth_toa[row, : len(toa)] = toa
-        point = wall_points(
+        truth[row, :, : len(toa)] = toa
+        wall[row] = match_echoes(toa, echoes.toa[row], tolerance=tolerance)
+        points = wall_points(
             echoes.toa[row],
             echoes.azimuth[row],
             echoes.elevation[row],
@@ -204,9 +213,11 @@ def _labels(spots: tuple[Spot, ...], echoes: Any, scene: Scene) -> dict[str, Arr
             array=scene.array,
             speed_of_sound=scene.speed_of_sound,
         )
-        on_map[row] = distance_to_outline(point, outline(spot.room))[0] <= MAP_TOLERANCE
-    error = np.abs(echoes.toa[:, :1] - truth_toa) * scene.probe.sample_rate
-    return {"reflector": (error < TOLERANCE_SAMPLES).any(axis=1), "on_map": on_map, "truth_toa": truth_toa}
+        on_map[row] = distance_to_outline(points, outline(spot.room)) <= MAP_TOLERANCE
+    ranks = np.broadcast_to(np.arange(shape[1]), shape)
+    several = {"echo": ranks.ravel(), "wall": wall.ravel()} if shape[1] > 1 else {}
+    labels = {"reflector": wall.ravel() != UNMATCHED, "on_map": on_map.ravel(), "truth_toa": truth.reshape(-1, 6)}
+    return labels | several
 
 
 class Dataset:

@@ -25,7 +25,7 @@ import onnxruntime
 
 from echolearn import bundle, features, store
 from echolearn.geometry import wrap
-from echolearn.localize.matched import Matched
+from echolearn.localize.matched import Matched, view
 from echolearn.mapping import echo_map
 from echolearn.types import Array, BadValue, Echoes, EchoMap, Observation, Pose, check
 
@@ -104,11 +104,9 @@ class Scorer:
         """
         mount = self.check(observation)
         observation = replace(observation, array=self.bundle.array)
+        matched = view(observation, self.bundle.localizer.window)
         echoes = self.bundle.localizer(observation)
-        matched = Matched(observation, self.bundle.localizer.window)
-        confidence = np.stack(
-            [self(self._inputs(matched, _only(echoes, r))) for r in range(echoes.toa.shape[1])], axis=1
-        )
+        confidence = self(self._inputs(matched, echoes)).reshape(echoes.toa.shape)
         c, array = observation.speed_of_sound, observation.array
         turned = [replace(pose, heading=pose.heading + mount) for pose in poses]
         found = echo_map(echoes, turned, array=array, confidence=confidence, speed_of_sound=c)
@@ -155,8 +153,9 @@ class Scorer:
         return mount
 
     def _inputs(self, matched: Matched, echoes: Echoes) -> Array:
-        """Return what the model looks at, of one echo per recording."""
-        columns, names = features.describe(matched, echoes), self.bundle.inputs
+        """Return what the model looks at, a row for each of B * R echoes."""
+        names = self.bundle.inputs
+        columns = features.describe(matched, echoes, names=names)
         return columns[names[0]] if self.bundle.is_tensor else np.stack([columns[name] for name in names], axis=1)
 
 
@@ -244,12 +243,6 @@ def _limit_memory() -> None:
 
 def _short(error: BaseException) -> str:
     return " ".join(str(error).split())[:200]
-
-
-def _only(echoes: Echoes, r: int) -> Echoes:
-    """Return echo number r of each recording, fields (B, 1)."""
-    names = ("toa", "score", "gain", "azimuth", "elevation", "power")
-    return Echoes(*(getattr(echoes, name)[:, r : r + 1] for name in names))
 
 
 def _turn(positions: Array, found: Array) -> tuple[float, float]:

@@ -27,11 +27,15 @@ the whole recording, `covariance_gated` of the matched-filter outputs around the
 after steering to the estimated direction, so that an echo from there is all ones whatever its direction.
 """
 
+from collections.abc import Collection, Mapping
+from dataclasses import fields
+
 import numpy as np
 from scipy import fft
 
 from echolearn.geometry import direction
 from echolearn.localize import beam
+from echolearn.localize.apart import apart
 from echolearn.localize.matched import Matched
 from echolearn.localize.snls import recording_covariance, spectrum_of
 from echolearn.signals import decibel
@@ -56,30 +60,58 @@ UNITS = {
 TENSORS = ("covariance", "covariance_gated", "covariance_steered")
 
 
-def describe(matched: Matched, echoes: Echoes) -> dict[str, Array]:
-    """Return every column, shape (B,), and every tensor, shape (B, BANDS, M*M), of one echo per observation.
+def describe(matched: Matched, echoes: Echoes, *, names: Collection[str] = (*COLUMNS, *TENSORS)) -> dict[str, Array]:
+    """Return columns, shape (B * R,), and tensors, shape (B * R, BANDS, M*M): a row for each echo.
+
+    Rows go observation by observation. Of several echoes each is described as the others leave it (`localize.apart`);
+    what speaks of the whole recording is the same for all of them.
 
     Args:
         matched: matched-filter view of B observations.
-        echoes: their echoes, fields (B, 1).
+        echoes: their echoes, fields (B, R).
+        names: what is wanted; what is costly and only good for others is not computed, though some may come along.
     """
-    index = matched.index(echoes.toa[:, 0])
-    azimuth, elevation = echoes.azimuth[:, 0], echoes.elevation[:, 0]
-    toward = direction(azimuth, elevation)
-    whole = recording_covariance(matched.observation)
+    whole = recording_columns(matched, names)
+    each = [echo_columns(view, echo_of(echoes, r), whole, names) for r, view in enumerate(apart(matched, echoes))]
     return {
-        "toa": echoes.toa[:, 0],
-        "score": echoes.score[:, 0],
-        "gain": echoes.gain[:, 0],
-        "gain_delay": 4 * np.pi * matched.observation.speed_of_sound * echoes.toa[:, 0] * echoes.gain[:, 0],
-        "azimuth": azimuth,
-        "elevation": elevation,
-        **peak_columns(matched.correlation[:, 0], index),
-        **beam_columns(whole, matched),
-        **steered_columns(matched, index, toward),
-        "covariance": band_average(whole),
-        **gated_covariances(matched, index, toward),
+        name: np.stack([one[name] for one in each], axis=1).reshape(-1, *each[0][name].shape[1:]) for name in each[0]
     }
+
+
+def echo_of(echoes: Echoes, r: int) -> Echoes:
+    """Return echo number r of each observation, fields (B,)."""
+    return Echoes(*(getattr(echoes, field.name)[:, r] for field in fields(Echoes)))
+
+
+def recording_columns(matched: Matched, names: Collection[str]) -> dict[str, Array]:
+    """Return what speaks of the whole recording, for B observations."""
+    beams, tensor = not {"power", "power_ratio", "azimuth_mpdr"}.isdisjoint(names), "covariance" in names
+    if not (beams or tensor):
+        return {}
+    whole = recording_covariance(matched.observation)
+    return (beam_columns(whole, matched) if beams else {}) | ({"covariance": band_average(whole)} if tensor else {})
+
+
+def echo_columns(
+    matched: Matched, echo: Echoes, whole: Mapping[str, Array], names: Collection[str]
+) -> dict[str, Array]:
+    """Return the description of one echo per observation, fields (B,), with what is known of the `whole` recording."""
+    index = matched.index(echo.toa)
+    toward = direction(echo.azimuth, echo.elevation)
+    known = {
+        "toa": echo.toa,
+        "score": echo.score,
+        "gain": echo.gain,
+        "gain_delay": 4 * np.pi * matched.observation.speed_of_sound * echo.toa * echo.gain,
+        "azimuth": echo.azimuth,
+        "elevation": echo.elevation,
+        **peak_columns(matched.correlation[:, 0], index),
+        **{name: value for name, value in whole.items() if name != "covariance"},
+        **steered_columns(matched, index, toward),
+        **{name: value for name, value in whole.items() if name == "covariance"},
+    }
+    gated = {"covariance_gated", "covariance_steered"}
+    return known if gated.isdisjoint(names) else known | gated_covariances(matched, index, toward)
 
 
 def peak_columns(correlation: Array, index: Array, *, apart: int = 5) -> dict[str, Array]:

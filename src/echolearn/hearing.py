@@ -1,6 +1,7 @@
 """Hear a recorded survey as one localizer does: its echoes, their columns, their points on the map."""
 
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from echolearn import features, metrics, recording, stats
 from echolearn.geometry import distance_to_outline
 from echolearn.judge import Heard, Sheet
 from echolearn.localize import Localizer
-from echolearn.localize.matched import Matched
+from echolearn.localize.matched import view
 from echolearn.mapping import echo_map
 from echolearn.signals import joint_db
 from echolearn.types import Array, BadValue, Echoes
@@ -30,10 +31,10 @@ def hear(folder: Path, localizer: Localizer, *, name: str, resamples: int) -> He
         raise BadValue(f"{folder}/survey.yaml: no walls; an outline is needed to judge a map")
     blocks = [range(start, min(start + BLOCK, len(survey.poses))) for start in range(0, len(survey.poses), BLOCK)]
     described = [_describe(survey, localizer, block) for block in blocks]
-    columns = {key: np.concatenate([block[key] for block in described]) for key in described[0]}
-    echoes = Echoes(*(columns[key][:, None] for key in ("toa", "score", "gain", "azimuth", "elevation", "power")))
+    columns = {key: np.concatenate([block[key] for _, block in described]) for key in described[0][1]}
+    echoes = Echoes(*(np.concatenate([getattr(each, f.name) for each, _ in described]) for f in fields(Echoes)))
     found = echo_map(echoes, survey.poses, array=survey.array, speed_of_sound=survey.speed_of_sound)
-    poses = np.arange(len(survey.poses))
+    poses = np.repeat(np.arange(len(survey.poses)), localizer.echoes)
     sheet = Sheet(
         name,
         distance_to_outline(found.points, survey.walls) <= metrics.TOLERANCE,
@@ -51,7 +52,9 @@ def _ratio_db(conditions: Mapping[str, Any]) -> float:
     return round(float(joint_db(*known)), 1) + 0.0 if known else np.nan  # 0.0 turns -0.0 into 0.0, as names have it
 
 
-def _describe(survey: recording.Survey, localizer: Localizer, block: range) -> dict[str, Array]:
+def _describe(survey: recording.Survey, localizer: Localizer, block: range) -> tuple[Echoes, dict[str, Array]]:
+    """Return the echoes of some poses, fields (B, R), and their description, rows pose by pose."""
     observation = survey.observe(block)
-    matched = Matched(observation, localizer.window)
-    return features.describe(matched, localizer(observation))
+    matched = view(observation, localizer.window)
+    echoes = localizer(observation)
+    return echoes, features.describe(matched, echoes)

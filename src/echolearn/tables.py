@@ -158,7 +158,7 @@ def describe_room(contest: Comparison, whole: Sequence[Row], room: str, *, sourc
     heard = next(heard for (walk, _), heard in contest.heard.items() if room_of(walk) == room)
     return {
         "room": room,
-        "poses": len(heard.points),
+        "poses": len(np.unique(heard.sheet.groups)),
         "attainable": heard.attainable,
         "tables": tables,
         "best": {level: pick(lines, classifier=best)[0] for level, lines in tables.items()},

@@ -18,5 +18,9 @@ class Localizer(Protocol):
     def window(self) -> SearchWindow:
         """Where it seeks them."""
 
+    @property
+    def echoes(self) -> int:
+        """R, how many it returns."""
+
     def __call__(self, observation: Observation) -> Echoes:
         """Return the echoes, fields (B, R), of observations with samples (B, M, N)."""

@@ -35,7 +35,14 @@ ROUNDS = 50
 
 
 def relax(
-    padded: Array, search: Search, *, echoes: int, burst: Array, energy: Array, epsilon: float = 1e-4
+    padded: Array,
+    search: Search,
+    *,
+    echoes: int,
+    burst: Array,
+    energy: Array,
+    epsilon: float = 1e-4,
+    surface: Array | None = None,
 ) -> list[Peak]:
     """Return R echoes of each observation by RELAX.
 
@@ -46,8 +53,9 @@ def relax(
         burst: the probe's samples.
         energy: of each recording, shape (B, M).
         epsilon: relative change of the residual's energy that ends the rounds.
+        surface: J of `padded` on the search's grid, shape (B, A, L), where it is known already.
     """
-    peaks = [search(padded)]
+    peaks = [search(padded, surface)]
     models = [heard(peaks[0], search, burst, padded.shape[-1])]
     for count in range(2, echoes + 1):
         peaks.append(replace(peaks[0], gain=np.zeros(len(padded)), height=np.zeros(len(padded))))

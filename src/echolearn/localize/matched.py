@@ -5,6 +5,7 @@ microphone 1, and steering it gives J(tau, phi), of which the echo-gated directi
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -105,6 +106,14 @@ class Matched:
         """S-NLS (Eq. 13): lag index of the largest r_1 in the window, shape (B,)."""
         return self.correlation[:, 0].argmax(axis=-1)
 
+    def having(self, padded: Array) -> "Matched":
+        """Return a view of the same recordings that has other matched-filter outputs, shaped like `padded`."""
+        other = copy(self)
+        for name in ("correlation", "steered", "strongest"):
+            vars(other).pop(name, None)
+        vars(other)["padded"] = padded
+        return other
+
     def toa(self, index: Array) -> Array:
         """Return times of arrival in s of lag indices (B,) into the window."""
         return (self.first + index) / self.observation.probe.sample_rate
@@ -132,6 +141,18 @@ class Matched:
         return np.sum(np.square(gate), axis=-1)
 
 
+def view(observation: Observation, window: SearchWindow, azimuths: int = 180) -> Matched:
+    """Return the matched-filter view of recordings; while somebody holds it, everybody gets the same.
+
+    So a localizer and the features that describe its echoes share the steered response, half of the work of both.
+    """
+    key = (window, azimuths)
+    found = observation.views.get(key)
+    if found is None:
+        found = observation.views[key] = Matched(observation, window, azimuths)
+    return found
+
+
 def listen(observation: Observation, window: SearchWindow, *, azimuths: int, whiten: bool, whole: bool) -> Matched:
     """Check recordings, whiten them where asked, and return their matched-filter view.
 
@@ -143,7 +164,7 @@ def listen(observation: Observation, window: SearchWindow, *, azimuths: int, whi
         whole: whether more of the recordings is needed than the search window touches.
     """
     if not whiten:
-        return Matched(observation, window, azimuths)
+        return view(observation, window, azimuths)
     _, last = faults.check_recordings(observation, window)
     check_known(observation)
     taps = 2 * faults.density(observation).shape[-1]
@@ -195,7 +216,8 @@ def several(matched: Matched, search: Search, *, echoes: int, padded: Array | No
     energy = faults.energies(matched.observation.samples[:, :microphones])
     burst = matched.observation.probe.samples
     heard = matched.padded[:, :microphones] if padded is None else padded
-    return relax(heard, search, echoes=echoes, burst=burst, energy=energy)
+    surface = matched.steered if padded is None and search.is_plain(matched.padded.shape[1]) else None
+    return relax(heard, search, echoes=echoes, burst=burst, energy=energy, surface=surface)
 
 
 def joint_echoes(matched: Matched, search: Search, peaks: Sequence[Peak]) -> Echoes:

@@ -46,6 +46,11 @@ class Mclam:
     false_alarm: float = 0.05
     whiten: bool = False
 
+    @property
+    def echoes(self) -> int:
+        """R: one direction serves one echo."""
+        return 1
+
     def __post_init__(self) -> None:
         check_whole("localizer.azimuths", self.azimuths, low=8, high=3600)
         check_whiten(self.whiten)

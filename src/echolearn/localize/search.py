@@ -70,13 +70,15 @@ class Search:
     finer: int = 1
     spatial: Spatial | None = None
 
-    def __call__(self, padded: Array) -> Peak:
-        """Return the largest J inside the window of correlations (B, M, L + 2 PAD)."""
+    def __call__(self, padded: Array, surface: Array | None = None) -> Peak:
+        """Return the largest J inside the window.
+
+        Args:
+            padded: correlations, shape (B, M, L + 2 PAD).
+            surface: J on the grid, shape (B, A, L), where it is known already.
+        """
         weighted = padded * self.weights[..., None]
-        surface = beam.steered_response(
-            weighted, self.array, self.azimuth, self.elevation, scale=self.scale, finer=self.finer
-        )
-        inside = surface[..., beam.PAD * self.finer : 1 - (beam.PAD + 1) * self.finer]
+        inside = self.grid(weighted) if surface is None else surface
         if self.spatial is not None:
             strength = self.spatial.grid_strength(self.azimuth, self.elevation)
             inside = inside / np.sqrt(strength / self.probe_energy)[:, None]
@@ -86,6 +88,18 @@ class Search:
             spot = self.climb(fft.rfft(weighted), padded.shape[-1], *spot)
         height = self.read(weighted, *spot).sum(axis=-1)
         return Peak(*spot, height / (self.probe_energy * self.share(*spot[1:])), height)
+
+    def grid(self, weighted: Array) -> Array:
+        """Return J of weighted correlations on the grid, inside the window, shape (B, A, finer * (L - 1) + 1)."""
+        surface = beam.steered_response(
+            weighted, self.array, self.azimuth, self.elevation, scale=self.scale, finer=self.finer
+        )
+        return surface[..., beam.PAD * self.finer : 1 - (beam.PAD + 1) * self.finer]
+
+    def is_plain(self, microphones: int) -> bool:
+        """Tell whether J on the grid is the plain sum over so many microphones, a point per lag."""
+        whole = len(self.array) == microphones and bool((self.weights == 1.0).all())
+        return whole and self.finer == 1 and self.spatial is None
 
     def share(self, azimuth: Array, elevation: Array) -> Array:
         """Return E(phi) / ||s||^2 of directions, J of an echo of gain 1: the sum of the weights, shape (B,) or (A,)."""
