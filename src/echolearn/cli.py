@@ -9,6 +9,7 @@ import os
 import sys
 from argparse import ArgumentError, ArgumentParser, Namespace
 from collections.abc import Sequence
+from importlib import import_module
 from itertools import groupby
 from pathlib import Path
 
@@ -32,6 +33,9 @@ options:
 More than this is in Hydra's override grammar: key=[1,2] is one list, 'classifier=glob(*)' sweeps over all options.
 """
 
+
+DIRECTORS = {"generate": ("echolearn.dataset", "echolearn.rir.images", "echolearn.localize.gated")}
+"""Commands that let other processes compute, and what these will import, which their director does for all."""
 
 OPTIONS = ("-m", "-j", "--cfg", "--help", "--traceback")
 
@@ -70,6 +74,11 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
         print(explain(command))
     elif command == "verify":
         verify_all(rest, trace=trace)
+    elif command in DIRECTORS:
+        from echolearn.processes import single_threads
+
+        with single_threads():  # before a library is there that would begin threads: then this process can be forked
+            run(command, rest, trace=trace)
     else:
         run(command, rest, trace=trace)
 
@@ -119,11 +128,10 @@ def verify_all(folders: Sequence[str], *, trace: bool) -> None:
 
 def run(command: str, words: Sequence[str], *, trace: bool) -> None:
     """Run a command once, or with `-m` for every combination; with `--cfg` show its configuration instead."""
-    from echolearn.config import compose
     from echolearn.launch import run_all, say
 
     options, launcher, sweeps = parse(words)
-    jobs = [job for sweep in sweeps for job in compose(command, sweep, many=options.m, resolve=not options.cfg)]
+    jobs = composed(command, options, sweeps)
     if options.cfg:
         for _, config in jobs:
             show(config)
@@ -132,6 +140,18 @@ def run(command: str, words: Sequence[str], *, trace: bool) -> None:
         run_all(COMMANDS[command], jobs, workers=options.j, launcher=launcher, place=place, trace=trace)
     else:
         say(COMMANDS[command](jobs[0][1]))
+
+
+def composed(command: str, options: Namespace, sweeps: Sequence[Sequence[str]]) -> list[tuple[str, Config]]:
+    """Return the jobs of all sweeps; meanwhile what the command needs is imported."""
+    from echolearn.config import compose
+    from echolearn.processes import meanwhile
+
+    def work() -> list[tuple[str, Config]]:
+        return [job for sweep in sweeps for job in compose(command, sweep, many=options.m, resolve=not options.cfg)]
+
+    needed = () if options.cfg else DIRECTORS.get(command, ())
+    return meanwhile(work, lambda: [import_module(name) for name in needed]) if needed else work()
 
 
 def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:

@@ -28,16 +28,18 @@ def track(items: Iterable[T], title: str, *, total: int | None = None, unit: str
 
 
 def bar(items: Iterable[T], title: str, *, total: int, unit: str, done: int) -> Iterator[T]:
-    """Draw a bar that moves."""
+    """Draw a bar that moves with every item; without a thread that redraws it, so that the process can be forked."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn(title), BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
         task = progress.add_task(title, completed=done, total=total)
+        progress.refresh()
         for item in items:
             yield item
             progress.advance(task)
+            progress.refresh()
 
 
 def lines(items: Iterable[T], title: str, *, total: int, unit: str, done: int) -> Iterator[T]:

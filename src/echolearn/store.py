@@ -103,6 +103,12 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+MARKS: set[BinaryIO] = set()
+"""Open files by which this process is known to be present; its copies close theirs, lest they seem to be it."""
+
+os.register_at_fork(after_in_child=lambda: [file.close() for file in MARKS])
+
+
 @contextmanager
 def presence(folder: Path) -> Iterator[Path]:
     """Keep an empty file in `folder` for the time of a `with` block, by which others know that it is the same folder.
@@ -114,9 +120,11 @@ def presence(folder: Path) -> Iterator[Path]:
     write_atomic(mark, b"")
     with mark.open("rb+") as file:
         fcntl.flock(file, fcntl.LOCK_EX)  # tells `clean` that somebody is here
+        MARKS.add(file)
         try:
             yield mark
         finally:
+            MARKS.discard(file)
             mark.unlink(missing_ok=True)
             with suppress(OSError):
                 mark.parent.rmdir()  # if nothing came of it

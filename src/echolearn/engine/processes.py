@@ -6,7 +6,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 from echolearn.engine import T
-from echolearn.processes import processes
+from echolearn.processes import keep_memory, processes
 from echolearn.types import BadValue, check_whole
 
 
@@ -26,7 +26,7 @@ class Processes:
     def __call__(self, work: Callable[[T], object], jobs: Sequence[T]) -> Generator[T, None, None]:
         """Do the jobs; see `Engine`."""
         try:
-            with processes(min(self.workers, len(jobs))) as pool:
+            with processes(min(self.workers, len(jobs)), begin=keep_memory) as pool:
                 begun = {pool.submit(work, job): job for job in jobs}
                 for done in as_completed(begun):
                     done.result()

@@ -20,24 +20,16 @@ Errors: psi and its table -105 dB, phi against the ideal delay -89 dB up to 0.92
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
 
-from echolearn.rir import check_placement, response_length
+from echolearn.rir import check_placement, machine, response_length
+from echolearn.rir.machine import STEPS, TAPS
 from echolearn.types import Array, Room
 
 HALF_WIDTH = 40  # of phi, in samples
 REACH = HALF_WIDTH + 4  # half width of q, in samples: dividing by psi widens phi a little
-TAPS = 8  # width of psi, in samples of the grid
-STEP_BITS = 7
-STEPS = 1 << STEP_BITS  # rows in the table of psi, for one sample of the grid
 FAINT = 1e-9  # reflection product on one axis; below it floats get denormal and 20 times slower
-
-Pair = tuple[Array, Array]
 
 
 def kaiser(x: Array, half_width: float, beta: float) -> Array:
@@ -73,7 +65,7 @@ def correction() -> Array:
     return q[np.abs(at) <= 2 * REACH].astype(np.float32)
 
 
-def axis_images(length: float, reflection: Array, *, source: float, microphones: Array, reach: float) -> list[Pair]:
+def axis_images(length: float, reflection: Array, *, source: float, microphones: Array, reach: float) -> Array:
     """Return the images along one axis that each microphone may hear, nearest first.
 
     Cell k of the lattice spans k length to (k + 1) length; |k| reflections led to its image, mirrored for odd k.
@@ -86,7 +78,7 @@ def axis_images(length: float, reflection: Array, *, source: float, microphones:
         reach: largest distance of interest.
 
     Returns:
-        For each microphone the squared offsets and the reflection products, both of shape (K,).
+        For each microphone the squared offsets, and the reflection products, shape (M, 2, K).
     """
     last = math.ceil(reach / length) + 1
     cell = np.arange(-last, last + 1)
@@ -95,69 +87,12 @@ def axis_images(length: float, reflection: Array, *, source: float, microphones:
     product = reflection[0] ** lower * reflection[1] ** upper
     square = (position[product > FAINT] - microphones[:, None]) ** 2
     order = np.argsort(square, axis=1, kind="stable")
-    return [(row[first], product[product > FAINT][first]) for row, first in zip(square, order, strict=True)]
+    return np.stack([np.take_along_axis(square, order, axis=1), product[product > FAINT][order]], axis=1)
 
 
-@intrinsic
-def add_row(_: Any, target: Any, row: Any, weight: Any, slope: Any) -> Any:
-    """Add weight * row[:8] + slope * row[8:] to the 8 floats at address `target`.
-
-    Left to itself, the compiler does this one float at a time, which makes the whole engine three times slower.
-    """
-    vector, index = ir.VectorType(ir.FloatType(), TAPS), ir.IntType(32)
-
-    def fill(builder: Any, value: Any) -> Any:
-        single = builder.insert_element(ir.Constant(vector, ir.Undefined), value, ir.Constant(index, 0))
-        return builder.shuffle_vector(single, single, ir.Constant(ir.VectorType(index, TAPS), [0] * TAPS))
-
-    def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
-        to, at, *factors = arguments
-        pointer = builder.inttoptr(to, vector.as_pointer())
-        total = builder.load(pointer, align=4)
-        for part, factor in enumerate(factors):
-            address = builder.add(at, ir.Constant(at.type, 4 * TAPS * part))
-            values = builder.load(builder.inttoptr(address, vector.as_pointer()), align=4)
-            product = builder.fmul(fill(builder, factor), values, flags=("contract",))
-            total = builder.fadd(total, product, flags=("contract",))
-        builder.store(total, pointer, align=4)
-        return context.get_dummy_value()
-
-    return types.void(target, row, weight, slope), generate
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def spread(grid: Array, table: Array, x: Pair, y: Pair, z: Pair, reach: float) -> None:
-    """Add psi for all images within `reach` of one microphone; grid[0] takes the first tap of a delay of 0."""
-    (x2, gx), (y2, gy), (z2, gz) = x, y, z
-    target, rows = grid.ctypes.data, table.ctypes.data
-    step, weight, slope = np.empty(z2.size, np.int32), np.empty(z2.size, np.float32), np.empty(z2.size, np.float32)
-    for i in range(x2.size):
-        count = z2.size
-        for j in range(y2.size):
-            r2, g = x2[i] + y2[j], gx[i] * gy[j]
-            while count > 0 and r2 + z2[count - 1] > reach * reach:
-                count -= 1
-            for k in range(count):
-                delay = math.sqrt(r2 + z2[k])
-                step[k] = np.int32(delay * STEPS)
-                weight[k] = np.float32(g * gz[k]) / np.float32(delay)
-                slope[k] = weight[k] * np.float32(delay * STEPS - step[k])
-            for k in range(count):
-                row = rows + (step[k] & (STEPS - 1)) * (8 * TAPS)
-                add_row(target + (step[k] >> STEP_BITS) * 4, row, weight[k], slope[k])  # type: ignore[call-arg]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def filter_down(grid: Array, q: Array, response: Array) -> None:
-    """Write response(n) = sum over j of q(j) grid(2 n + j), in blocks that stay in the cache."""
-    even, odd = grid[0::2].copy(), grid[1::2].copy()
-    for start in range(0, response.size, 512):
-        block = response[start : start + 512]
-        block[:] = q[-1] * even[start + q.size // 2 :][: block.size]
-        for j in range(q.size // 2):
-            a, b = even[start + j :], odd[start + j :]
-            for n in range(block.size):
-                block[n] += q[2 * j] * a[n] + q[2 * j + 1] * b[n]
+def grid_length(samples: int) -> int:
+    """Return the number of samples of the grid that a response of so many samples is filtered from."""
+    return 2 * (samples + 2 * REACH) + TAPS
 
 
 @dataclass(frozen=True)
@@ -192,8 +127,9 @@ class Images:
             axis_images(size[i], reflection[i], source=origin[i], microphones=points[:, i], reach=reach)
             for i in np.argsort(-size, kind="stable")
         ]
-        for row, x, y, z in zip(response, *axes, strict=True):
-            grid = np.zeros(2 * (len(row) + 2 * REACH) + TAPS, np.float32)
-            spread(grid[2 * REACH - TAPS // 2 + 1 :], kernel_table(), x, y, z, reach)
-            filter_down(grid, correction(), row)
+        inputs = [part for axis in axes for part in (axis, axis.shape[-1])]
+        filtering, most = (correction(), correction().size, 2 * REACH - TAPS // 2 + 1, reach), axes[-1].shape[-1]
+        sizes = ((2 * grid_length(response.shape[1]), np.float32), (2 * most, np.float32), (most, np.int32))
+        space = (np.empty(size, kind) for size, kind in sizes)
+        machine.respond()(response, *response.shape, kernel_table(), *filtering, *inputs, *space)
         return response.astype(np.float64) * (scale / (4 * np.pi))
