@@ -33,7 +33,7 @@ from echolearn.rir.images import Images
 from echolearn.simulate import Scene
 from echolearn.timing import Spread
 from echolearn.types import BadValue
-from world import TRAINED, World, plans
+from world import TRAINED, World, pack, plans
 
 MACHINE = {
     "processor": "abacus, 2 cores",
@@ -72,6 +72,7 @@ def made(world: World, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a small benchmark of everything, with its page beside it."""
     runs = tmp_path_factory.mktemp("bench") / "runs"
     shutil.copytree(world.runs, runs)
+    pack(world, "trees_features", runs)
     text = runs.parent / "page.md"
     text.write_text(PAGE)
     plan = few(8)

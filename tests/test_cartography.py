@@ -31,8 +31,10 @@ FILES = ["manifest.json", "map.csv", "map.pgm", "map.ply", "map.svg", "map.yaml"
 
 @pytest.fixture
 def walk(world: World, tmp_path: Path) -> Path:
-    """Return a copy of the walk at 0 dB."""
-    return shutil.copytree(world.runs / "survey" / "hall_0dB", tmp_path / "walk")
+    """Return a copy of the walk at 0 dB, without its manifest, as a robot leaves it."""
+    folder = shutil.copytree(world.runs / "survey" / "hall_0dB", tmp_path / "walk")
+    (folder / "manifest.json").unlink()
+    return folder
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -185,7 +187,6 @@ def test_the_command_maps_and_verifies(
     assert main(["verify", "runs/maps/walk-small"]) == 0
     about = yaml.safe_load(Path("runs/maps/walk-small/map.yaml").read_text())
     assert about["resolution"] == 0.1 and -0.7 <= about["origin"][0] < HALL.size[0]
-    (walk / "manifest.json").unlink()
     assert main(["verify", str(walk)]) == 0
     assert f"readable, {POSES} recordings; there is no manifest.json" in capsys.readouterr().out
     (walk / "observations" / "0007.wav").write_bytes(b"torn")

@@ -86,7 +86,7 @@ def calibrated(fitted: Any) -> Calibrated:
 
 @pytest.fixture(scope="module")
 def exported(calibrated: Calibrated) -> bytes:
-    return onnx_model.export(calibrated, problem(calibrated.classifier.inputs, rows=50, seed=2)[0])[0]
+    return onnx_model.export(calibrated, problem(calibrated.classifier.inputs, rows=50, seed=2)[0]).data
 
 
 def test_the_configurations_of_the_plan_are_there() -> None:
@@ -121,9 +121,10 @@ class TestContract:
         assert torch.equal(before[0], torch.get_rng_state()) and (before[1] == np.random.get_state()[1]).all()
 
     def test_file_computes_the_same_confidences(self, calibrated: Calibrated, exported: bytes) -> None:
-        x = problem(calibrated.classifier.inputs, rows=9933, seed=5)[0]
-        x = np.concatenate([x, onnx_model.extremes(x)])
-        assert len(x) == 10_000
+        x = problem(calibrated.classifier.inputs, rows=5000, seed=5)[0]
+        x = np.concatenate([x, *onnx_model.strange(x, 5000)])
+        assert len(x) == 10_000 and np.isfinite(x).all()
+        assert {0.0, *np.finfo(np.float32).max * np.array([1.0, -1.0])} <= {*x.reshape(len(x), -1)[:, 0].tolist()}
         score = onnx_model.open_onnx(exported)
         difference = np.abs(score(x) - calibrated.confidence(x))
         assert np.isfinite(difference).all() and difference.max() <= 1e-5

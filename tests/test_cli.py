@@ -196,7 +196,7 @@ def test_the_advice_against_damage_makes_the_same_again(
     before = content(Path(folder) / "observations") | content(Path(folder), "*.*")
     (Path(folder) / "poses.csv").write_text("index")
     assert main(["verify", folder]) == 1
-    advice = capsys.readouterr().err.strip().partition("; run again: ")[2]
+    advice = capsys.readouterr().err.strip().partition("run again: ")[2]
     assert shlex.split(advice) == ["echolearn", "survey", *words]
     assert main(shlex.split(advice)[1:]) == 0
     assert content(Path(folder) / "observations") | content(Path(folder), "*.*") == before

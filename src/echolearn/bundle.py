@@ -25,6 +25,7 @@ import echolearn.localize
 from echolearn import features, guard, store
 from echolearn.geometry import SearchWindow
 from echolearn.localize import Localizer
+from echolearn.schema import check_text, check_told, part
 from echolearn.types import Array, BadValue, MicArray, Probe, check, check_list, check_number, check_whole
 
 SCHEMA = 1
@@ -134,11 +135,15 @@ def _assemble(about: Mapping[str, Any], files: Mapping[str, bytes], folder: Path
     """Return the bundle that checked files describe."""
     array = MicArray(np.array(_numbers(about["array"], "array"), dtype=float))
     inputs, shape = _inputs(about, len(array))
-    threshold, label = _part(about, "threshold", "value chosen"), _part(about, "label", "name true")
+    check_told(about)
+    threshold, label = part(about, "threshold", "value chosen"), part(about, "label", "name true")
     check_number("threshold.value", threshold["value"], low=0.0, high=1.0)
-    check(label["name"] in LABELS, "label.name", label["name"], allowed=" or ".join(LABELS))
+    check_text("threshold.chosen", threshold["chosen"])
+    check(str(label["name"]) in LABELS, "label.name", label["name"], allowed=" or ".join(LABELS))
+    check(label["true"] == LABELS[label["name"]], "label.true", label["true"], allowed=LABELS[label["name"]])
+    check(about["golden"] == GOLDEN, "golden", about["golden"], allowed=f"{GOLDEN}")
     check_number("speed_of_sound", about["speed_of_sound"], low=100.0, high=2000.0, unit="m/s")
-    window = SearchWindow(**_part(about, "window", "nearest farthest rule"))
+    window = SearchWindow(**part(about, "window", "nearest farthest rule"))
     golden = guard.read_arrays(
         files["golden.npz"],
         {"x": ("<f4", (GOLDEN, *shape)), "confidence": ("<f8", (GOLDEN,))},
@@ -152,18 +157,10 @@ def _assemble(about: Mapping[str, Any], files: Mapping[str, bytes], folder: Path
         threshold=float(threshold["value"]),
         array=array,
         probe=_probe(about, files["probe.wav"], folder),
-        localizer=_localizer(_part(about, "localizer", "name arguments"), window),
+        localizer=localizer_of(part(about, "localizer", "name arguments"), window),
         model=files["model.onnx"],
         golden=(golden["x"], golden["confidence"]),
     )
-
-
-def _part(about: Mapping[str, Any], name: str, keys: str) -> dict[str, Any]:
-    """Return a mapping within `bundle.json` that must have exactly these keys."""
-    part = about[name]
-    known = isinstance(part, dict) and sorted(part) == sorted(keys.split())
-    check(known, name, sorted(part) if isinstance(part, dict) else part, allowed=f"a mapping with {keys}")
-    return dict(part)
 
 
 def _numbers(value: Any, name: str) -> Any:
@@ -202,15 +199,16 @@ def _inputs(about: Mapping[str, Any], microphones: int) -> tuple[tuple[str, ...]
 
 
 def _probe(about: Mapping[str, Any], data: bytes, folder: Path) -> Probe:
-    rate, probe = about["sample_rate"], _part(about, "probe", "file burst length")
+    rate, probe = about["sample_rate"], part(about, "probe", "file burst length")
     check_number("sample_rate", rate, low=1000.0, high=400_000.0, unit="Hz")
     check_whole("probe.length", probe["length"], low=16, high=4 << 20, unit="samples")
     burst = guard.read_burst(data, sample_rate=rate, length=probe["length"], name=str(folder / "probe.wav"))
+    check(probe["file"] == "probe.wav", "probe.file", probe["file"], allowed="probe.wav")
     check(len(burst) == probe["burst"], "probe.burst", probe["burst"], allowed=f"{len(burst)}, as probe.wav has it")
     return Probe(burst, float(rate), probe["length"])
 
 
-def _localizer(about: Mapping[str, Any], window: SearchWindow) -> Localizer:
+def localizer_of(about: Mapping[str, Any], window: SearchWindow) -> Localizer:
     """Return the localizer that a bundle names, `module.Class` within `echolearn.localize`, with plain arguments."""
     module, _, leaf = str(about["name"]).partition(".")
     folder = Path(echolearn.localize.__path__[0])

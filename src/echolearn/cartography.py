@@ -13,14 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import deploy, metrics, recording, store
+from echolearn import deploy, metrics, provenance, recording, store
 from echolearn.deploy import Heard, Scorer
 from echolearn.mapfiles import Chart, grid, ply, svg, table
 from echolearn.progress import track
-from echolearn.types import Echoes, EchoMap, check, check_name, check_number
+from echolearn.types import BadValue, Echoes, EchoMap, Observation, check, check_name, check_number
 
 BLOCK = 32
-"""Recordings heard together."""
+"""Recordings heard together, at most."""
+
+SAMPLES = 1 << 22
+"""Samples of all microphones heard together, at most, if more than one recording has."""
 
 SCORES = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
 """Metrics that are shown where the room is known."""
@@ -57,8 +60,9 @@ def draw(
     name = name or f"{Path(survey).resolve().name}-{Path(bundle).resolve().name}"
     check_name("name", name)
     folder = Path(runs) / "maps" / name
-    scorer, walk = deploy.load(bundle), recording.read(survey)
+    scorer, (walk, _) = deploy.load(bundle), provenance.read(Path(survey))
     walk = replace(walk, rate=scorer.bundle.probe.sample_rate if resample else None)
+    check_fit(scorer, walk)
     inputs = {
         "bundle": scorer.bundle.about["sha256"],
         "survey": fingerprint(walk),
@@ -76,10 +80,21 @@ def draw(
     return folder
 
 
+def check_fit(scorer: Scorer, walk: recording.Survey) -> None:
+    """Raise `BadValue` if a survey's microphones, sample rate or probe are not the bundle's, before it is heard."""
+    count, wanted = len(walk.array), len(scorer.bundle.array)
+    check(count == wanted, f"{walk.folder}/survey.yaml microphones", count, allowed=f"{wanted}, the bundle's")
+    silence = np.broadcast_to(0.0, (count, walk.probe.length))
+    nothing = Observation(silence, walk.probe, walk.array, walk.speed_of_sound)
+    try:
+        scorer.check(nothing if walk.rate is None else recording.resampled(nothing, walk.rate))
+    except BadValue as error:
+        raise BadValue(f"{walk.folder}: {error}") from None
+
+
 def fingerprint(walk: recording.Survey) -> str:
     """Return the digest of all files of a survey that a map depends on."""
-    names = ["survey.yaml", "probe.wav", "poses.csv", *dict.fromkeys(walk.files)]
-    known = [name for name in names if (walk.folder / name).is_file()]
+    known = [name for name in provenance.used(walk) if (walk.folder / name).is_file()]
     sums = "".join(f"{name} {store.sha256(walk.folder / name)}\n" for name in known)
     return hashlib.sha256(sums.encode()).hexdigest()
 
@@ -87,7 +102,8 @@ def fingerprint(walk: recording.Survey) -> str:
 def listen(scorer: Scorer, walk: recording.Survey) -> Heard:
     """Hear every recording of a survey, block by block."""
     count = len(walk.poses)
-    blocks = [range(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK)]
+    size = max(1, min(BLOCK, SAMPLES // (len(walk.array) * walk.probe.length)))
+    blocks = [range(start, min(start + size, count)) for start in range(0, count, size)]
     heard = []
     for block in track(blocks, f"map {walk.folder.name}", unit="blocks"):
         heard.append(scorer.listen(walk.observe(block), [walk.poses[pose] for pose in block]))

@@ -138,8 +138,8 @@ def verify(folder: str) -> str:
         from echolearn.deploy import prove
 
         return f"{folder}: {prove(place)}"
-    if (place / "survey.yaml").is_file() and not (place / store.MANIFEST).is_file():
-        from echolearn.recording import prove as hear
+    if (place / "survey.yaml").exists():
+        from echolearn.provenance import prove as hear
 
         return f"{folder}: {hear(place)}"
     return f"{folder}: whole, {len(store.verify(place)['files'])} files"

@@ -200,7 +200,13 @@ def prove(path: Path) -> str:
         except BadValue:
             mend = "export it again"
         raise BadValue(f"{str(error).removesuffix(f'; {store.MEND}')}; {mend}, or copy it again") from None
-    return f"whole, {len(about['files'])} files; {about['classifier']}, {bundle.GOLDEN} golden confidences reproduced"
+    trained = (
+        f"model within {about['parity']['difference']:.1e} of the trained one on {about['parity']['trials']} inputs"
+    )
+    return (
+        f"whole, {len(about['files'])} files; {about['classifier']}, {bundle.GOLDEN} golden confidences reproduced; "
+        f"{trained}"
+    )
 
 
 def _open(read: bundle.Bundle, name: str, run: onnxruntime.RunOptions) -> Callable[[Array], Array]:

@@ -157,7 +157,7 @@ def describe(run: Run, dataset: Dataset, *, array: MicArray, probe: Probe, resam
             "chosen": f"largest balanced accuracy on {rows} validation rows; kept if confidence >= value",
         },
         "calibration": metrics_["calibration"],
-        "parity": metrics_["model"]["parity"],
+        "parity": {"difference": metrics_["model"]["parity"], "trials": metrics_["model"]["trials"]},
         "sample_rate": float(probe.sample_rate),
         "speed_of_sound": float(scene["speed_of_sound"]),
         "array": array.positions.tolist(),

@@ -206,6 +206,7 @@ def read_burst(data: bytes, *, sample_rate: float, length: int, name: str) -> Ar
     chunks, place = {}, 12
     while place + 8 <= len(data):
         size = int.from_bytes(data[place + 4 : place + 8], "little")
+        check(size <= len(data) - place - 8, name, f"a chunk of {size} bytes", allowed="chunks that the file holds")
         chunks[data[place : place + 4]] = data[place + 8 : place + 8 + size]
         place += 8 + size + size % 2
     wanted = b"".join(value.to_bytes(n, "little") for value, n in ((3, 2), (1, 2), (round(sample_rate), 4)))

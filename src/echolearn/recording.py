@@ -13,6 +13,7 @@ Positions are of the loudspeaker in the room's frame; times count from the emiss
 """
 
 import csv
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -28,13 +29,17 @@ from echolearn import direct
 from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Probe, check, check_number
 
 NOISE = "noise.wav"
-MANIFEST = "manifest.json"
 
-LIMITS = {"survey.yaml": 1 << 17, "poses.csv": 64 << 20, ".wav": 1 << 30}
+LIMITS = {"survey.yaml": 1 << 17, "poses.csv": 4 << 20, ".wav": 64 << 20}
 """Bytes that a file of a survey may have."""
+
+LONGEST = 1 << 20
+"""Samples that a recording of one channel may have."""
 
 DEPTH = 20
 """Brackets within brackets that `survey.yaml` may have; coordinates need two."""
+
+INSIDE = "a path inside the survey's folder"
 
 HEADER = ("index", "x_m", "y_m", "z_m", "heading_rad", "file")
 
@@ -88,6 +93,7 @@ class Survey:
         path = self.folder / NOISE
         if not path.exists():
             return None
+        check(inside(self.folder, NOISE), str(path), "a link", allowed=INSIDE)
         samples = read_wav(path, self.probe.sample_rate)
         channels, length = len(self.array), self.probe.length
         allowed = f"{channels} channels of at least {length} samples"
@@ -96,10 +102,11 @@ class Survey:
 
     def _read(self, name: str) -> Array:
         path = self.folder / name
-        inside = "\0" not in name and path.resolve().is_relative_to(self.folder.resolve())
-        check(inside, f"{self.folder}/poses.csv file", name, allowed="a path inside the survey's folder")
-        samples = read_wav(path, self.probe.sample_rate)
+        check(inside(self.folder, name), f"{self.folder}/poses.csv file", name, allowed=INSIDE)
         expected = (len(self.array), self.probe.length)
+        _check_size(path, min(LIMITS[".wav"], 8 * expected[0] * expected[1] + 65536))
+        samples = read_wav(path, self.probe.sample_rate)
+        check(bool(samples.any()), str(path), "silence", allowed="a recording", hint="was the recorder running?")
         check(
             samples.shape == expected,
             str(path),
@@ -122,6 +129,11 @@ def resampled(observation: Observation, rate: float | None) -> Observation:
     return replace(observation, samples=samples, probe=Probe(burst, float(rate or 0.0), samples.shape[-1]))
 
 
+def inside(folder: Path, name: str) -> bool:
+    """Tell whether a file of a survey lies in its folder, links followed."""
+    return "\0" not in name and (folder / name).resolve().is_relative_to(folder.resolve())
+
+
 def wav_bytes(samples: Array, sample_rate: float) -> bytes:
     """Return `samples` (M, N) or (N,) as a float32 WAV file."""
     buffer = BytesIO()
@@ -137,7 +149,9 @@ def read_wav(path: Path, sample_rate: float) -> Array:
     """
     _check_size(path, LIMITS[".wav"])
     try:
-        rate, samples = wavfile.read(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of chunks besides format and data
+            rate, samples = wavfile.read(path)
     except Exception as error:  # scipy answers a damaged header with whatever its parser trips over
         raise BadValue(f"{path}: cannot be read as WAV ({' '.join(str(error).split())})") from None
     check(
@@ -156,7 +170,10 @@ def scaled(samples: Array) -> Array:
     if samples.dtype.kind not in "iu":
         return samples.astype(float)
     half = 2.0 ** (8 * samples.dtype.itemsize - 1)
-    return (samples.astype(float) - (half if samples.dtype.kind == "u" else 0.0)) / half
+    found: Array = samples.astype(float)
+    found -= half if samples.dtype.kind == "u" else 0.0
+    found /= half
+    return found
 
 
 def poses_csv(poses: Sequence[Pose], files: Sequence[str]) -> bytes:
@@ -192,10 +209,13 @@ def read(folder: Path) -> Survey:
         BadValue: a file or key that is missing or malformed.
     """
     folder = Path(folder)
+    for name in ("survey.yaml", "probe.wav", "poses.csv"):
+        check(inside(folder, name), f"{folder}/{name}", "a link", allowed=INSIDE)
     about = _read_yaml(folder / "survey.yaml")
     padded = read_wav(folder / "probe.wav", about["sample_rate"])[0]
     burst = padded[: np.flatnonzero(padded)[-1] + 1] if padded.any() else padded[:0]
     check(len(burst) > 0, f"{folder}/probe.wav", "silence", allowed="the burst that was emitted")
+    check(len(padded) <= LONGEST, f"{folder}/probe.wav", f"{len(padded)} samples", allowed=f"at most {LONGEST}")
     poses, files = _read_poses(folder / "poses.csv")
     return Survey(
         folder=folder,
@@ -208,18 +228,6 @@ def read(folder: Path) -> Survey:
         conditions=about.get("conditions") or {},
         direct=about["direct_path"] == "present",
     )
-
-
-def prove(folder: Path) -> str:
-    """Read every recording of a survey that has no manifest, as a robot leaves it, and say what there is.
-
-    Raises:
-        BadValue: as `read` and `Survey.observe`.
-    """
-    survey = read(folder)
-    for pose in range(len(survey.poses)):
-        survey.observe([pose])
-    return f"readable, {len(survey.poses)} recordings; there is no {MANIFEST} to prove them by"
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
@@ -288,9 +296,11 @@ def _read_poses(path: Path) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
         )
         files = tuple(str(row["file"] or "") for row in rows)
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
-        raise BadValue(f"{path}: cannot be read ({error!r}); its columns are {','.join(HEADER)}") from None
+        raise BadValue(f"{path}: cannot be read ({error!r:.200}); its columns are {','.join(HEADER)}") from None
     check(len(poses) > 0, str(path), "no rows", allowed="at least one pose")
     finite = all(np.isfinite([*pose.position, pose.heading]).all() for pose in poses)
     check(finite, str(path), "NaN or infinity", allowed="finite positions and headings")
     check(all(files), str(path), "a row without file", allowed=f"the columns {','.join(HEADER)} in every row")
+    odd = next((ascii(file)[:100] for file in files if not file.isprintable()), None)
+    check(odd is None, f"{path} file", odd, allowed="names that can be printed")
     return poses, files

@@ -19,6 +19,8 @@ import json
 import mmap
 import os
 import secrets
+import shlex
+import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import BytesIO
@@ -33,6 +35,9 @@ MANIFEST = "manifest.json"
 METRICS = "metrics.json"
 BUNDLE = "bundle.json"
 """A folder is finished when it has one of the three: a manifest, the metrics of a trained run, or a bundle's."""
+
+LARGEST = 8 << 20
+"""Bytes that a manifest may have; it holds about a hundred for each file."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors against which more room helps."""
@@ -49,8 +54,8 @@ def canonical(plain: Any) -> bytes:
     """
     try:
         return json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
-    except (TypeError, ValueError) as error:
-        raise BadValue(f"config={plain!r}: plain finite numbers, texts, lists and mappings; {error}") from None
+    except (TypeError, ValueError, RecursionError) as error:
+        raise BadValue(f"config={plain!r:.200}: plain finite numbers, texts, lists and mappings; {error}") from None
 
 
 def digest(plain: Any) -> str:
@@ -194,14 +199,16 @@ def let_go(array: Array) -> None:
 
 
 def prove(path: Path, *, size: int, expected: str, mend: str = MEND) -> None:
-    """Raise `BadValue` unless the file at `path` has that many bytes and that SHA-256."""
+    """Raise `BadValue` unless at `path` is a plain file of that many bytes and that SHA-256."""
     try:
-        found = Path(path).stat().st_size
-        whole = found == size and sha256(path) == expected
+        about = Path(path).stat()
+        found, plain = about.st_size, stat.S_ISREG(about.st_mode)
+        whole = plain and found == size and sha256(path) == expected
     except OSError as error:
         raise BadValue(f"{path}: cannot be read ({error.strerror or error}); {mend}") from None
     if not whole:
         what = f"{found} bytes instead of {size}" if found != size else "its SHA-256 differs"
+        what = what if plain else "no plain file"
         raise BadValue(f"{path}: damaged, {what}; {mend}")
 
 
@@ -247,11 +254,31 @@ def load_manifest(folder: Path) -> dict[str, Any]:
     last = [path for path in (Path(folder) / name for name in (MANIFEST, METRICS, BUNDLE)) if path.is_file()]
     if not last:
         raise BadValue(f"{folder}: not finished, there is no {MANIFEST}, {METRICS} or {BUNDLE}; {MEND}")
+    size = last[0].stat().st_size
+    if size > LARGEST:
+        raise BadValue(f"{last[0]}={size} bytes: at most {LARGEST} bytes; {MEND}")
     found = load_json(last[0])
-    manifest = stamped(found if isinstance(found, dict) else {})
+    try:
+        manifest = stamped(found if isinstance(found, dict) else {})
+    except BadValue:  # NaN, say, which is not JSON
+        manifest = {}
     if "files" not in manifest or readable(manifest) != last[0].read_bytes():
         raise BadValue(f"{last[0]}: damaged, its SHA-256 differs; {MEND}")
+    if not _names_files(manifest["files"]):
+        raise BadValue(f"{last[0]} files: bytes and sha256 of files inside the folder, by name; {MEND}")
     return manifest
+
+
+def _names_files(entries: Any) -> bool:
+    """Tell whether a manifest's `files` are sizes and checksums by names that stay inside the folder."""
+    return isinstance(entries, dict) and all(
+        name
+        and "\0" not in name
+        and not {"..", "/"} & {*Path(name).parts}
+        and isinstance(entry, dict)
+        and {key: type(value) for key, value in entry.items()} == {"bytes": int, "sha256": str}
+        for name, entry in entries.items()
+    )
 
 
 def is_finished(folder: Path) -> bool:
@@ -281,8 +308,19 @@ def made_by(command: str | None) -> dict[str, str]:
 
 
 def advice(manifest: Mapping[str, Any]) -> str:
-    """Return how to mend a damaged file of the folder with this manifest."""
-    return f"run again: {manifest['command']}" if "command" in manifest else MEND
+    """Return how to mend a damaged file of the folder with this manifest: by its command, if it is one of ours."""
+    command = manifest.get("command")
+    return f"run again: {command}" if is_command(command) else MEND
+
+
+def is_command(text: object) -> bool:
+    """Tell whether a text is one command line of echolearn, quoted as a shell needs it: nothing follows in its wake."""
+    if not (isinstance(text, str) and text.startswith("echolearn ") and text.isprintable()):
+        return False
+    try:
+        return shlex.join(shlex.split(text)) == text
+    except ValueError:
+        return False
 
 
 def shard_name(index: int) -> str:

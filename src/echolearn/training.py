@@ -30,7 +30,7 @@ from echolearn.classify.inputs import Rows, as_input
 from echolearn.task import Parts, Task
 from echolearn.types import Array, BadValue, check, check_name
 
-FORMAT = 2
+FORMAT = 3
 """Version of the run folder; part of every digest."""
 
 
@@ -159,12 +159,12 @@ def cross_validate(
 
 
 def export(fitted: Calibrated, x: Rows, folder: Path) -> dict[str, Any]:
-    """Write `model.onnx`, proved on inputs `x` (B, ...), and return its SHA-256 and parity."""
+    """Write `model.onnx`, proved on inputs `x` (B, ...), and return its SHA-256, parity and trials."""
     from echolearn.classify import onnx_model
 
-    data, parity = onnx_model.export(fitted, x)
+    data, parity, trials = onnx_model.export(fitted, x)
     store.write_atomic(folder / "model.onnx", data)
-    return {"sha256": store.sha256(folder / "model.onnx"), "parity": parity}
+    return {"sha256": store.sha256(folder / "model.onnx"), "parity": parity, "trials": trials}
 
 
 def log(

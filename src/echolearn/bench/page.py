@@ -1,4 +1,4 @@
-"""What the benchmarks say, as Markdown: one table for all comparisons, one for growth, one for trained runs.
+"""What the benchmarks say, as Markdown: a table each for comparisons, growth, trained runs and bundles.
 
 Times are medians with quartiles in brackets, ratios are those of laps, also with quartiles.
 """
@@ -16,6 +16,7 @@ TITLES = {
     "localize": "one observation",
     "steps": "one observation",
     "generate": "`echolearn generate`",
+    "robot": "a bundle in a fresh process",
     "start": "a command",
 }
 """What a unit of each compared stage is."""
@@ -35,6 +36,7 @@ def page(found: Sequence[Measurement], machine: Mapping[str, Any], *, brief: boo
         grown(found),
         larger(found),
         modelled(found),
+        carried(found),
     ]
     return "\n\n".join(part for part in parts if part)
 
@@ -130,6 +132,17 @@ def modelled(found: Sequence[Measurement]) -> str:
         cells = (over_runs(part) for part in (fit, own[True], own[False]))
         lines.append((name, str(len(fit or own[True])), *cells, plain(spread(ratio)) if ratio else ""))
     head = ("classifier", "runs", "training", "one row in onnxruntime", "per row of many", "in NumPy, times as long")
+    return table(head, lines)
+
+
+def carried(found: Sequence[Measurement]) -> str:
+    """Return the table of bundles on a robot, a line each."""
+    of = {(m.variant, m.measure): m.spread for m in found if m.stage == "robot"}
+    lines = []
+    for name in sorted({m.group for m in found if m.stage == "robot" and m.group}):
+        parts = (of[f"{name}, {part}", "wall"] for part in ("joint", "gated", "classifier"))
+        lines.append((name, *map(seconds, parts), f"{of[name, 'memory'].median / 2**20:.0f} MiB"))
+    head = ("bundle, on one core", "recording to points, `joint`", "`gated`", "one echo judged", "memory at its peak")
     return table(head, lines)
 
 

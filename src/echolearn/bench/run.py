@@ -22,6 +22,7 @@ from echolearn.bench.models import inference, training
 from echolearn.bench.outlook import outlook
 from echolearn.bench.page import growth, page
 from echolearn.bench.responses import responses
+from echolearn.bench.robot import robot
 from echolearn.bench.sets import generating, growing
 from echolearn.bench.start import start
 from echolearn.bench.steps import steps
@@ -41,6 +42,7 @@ STAGES: dict[str, Callable[[Setting], Iterable[Measurement]]] = {
     "rows": growing,
     "train": training,
     "models": inference,
+    "robot": robot,
     "start": start,
 }
 README = Markers("<!-- bench: written by echolearn bench -->", "<!-- end bench -->", "readme")

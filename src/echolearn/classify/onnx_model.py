@@ -11,7 +11,8 @@ import logging
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from itertools import chain
+from typing import Any, NamedTuple
 
 import numpy as np
 import onnxruntime
@@ -25,8 +26,18 @@ from echolearn.types import Array
 PARITY = 1e-5
 """Largest difference in confidence between a classifier and its file."""
 
+TRIALS = 10_000
+"""Inputs on which the two are compared, at least."""
+
+STRANGE = 4_000
+"""Of these, at least so many that no recording would give."""
+
 BLOCK = 1024
 """Rows scored at once."""
+
+LIMITS = np.finfo(np.float32)
+ODD = np.array([0.0, 1.0, 1e30, LIMITS.max, LIMITS.tiny, LIMITS.smallest_subnormal], dtype=np.float32)
+"""Numbers at the ends of what float32 can hold; either sign is tried."""
 
 
 class Confidence(torch.nn.Module):
@@ -44,27 +55,34 @@ class Confidence(torch.nn.Module):
         return torch.sigmoid(decision.double() * self.get_buffer("slope") + self.get_buffer("intercept"))
 
 
-def export(fitted: Calibrated, x: Inputs) -> tuple[bytes, float]:
+class Proved(NamedTuple):
+    """A file that computes what its classifier computes: its bytes, the largest difference, the inputs compared."""
+
+    data: bytes
+    parity: float
+    trials: int
+
+
+def export(fitted: Calibrated, x: Inputs) -> Proved:
     """Return a classifier as an ONNX file, after proving that onnxruntime computes its confidences.
 
     Args:
         fitted: what to export.
-        x: inputs to compare on, shape (B, ...); extreme ones are added.
-
-    Returns:
-        The file's bytes and the largest difference in confidence.
+        x: inputs to compare on, shape (B, ...); others are added, up to `TRIALS` and extreme ones among them.
 
     Raises:
         RuntimeError: the difference exceeds 1e-5.
     """
     data = to_onnx(Confidence(fitted.classifier.scorer(), fitted.slope, fitted.intercept), shape=x.shape[1:])
     score, names = open_onnx(data), fitted.classifier.inputs
-    parity = max(difference(score, fitted, block) for block in (*blocks(x, names, size=BLOCK), extremes(x)))
+    parity, count = 0.0, 0
+    for block in chain(blocks(x, names, size=BLOCK), strange(x, max(STRANGE, TRIALS - len(x)))):
+        parity, count = float(np.maximum(parity, difference(score, fitted, block))), count + len(block)
     if not parity <= PARITY:
         raise RuntimeError(
             f"onnx: exported confidences differ by {parity:g} from the classifier's, more than {PARITY:g}"
         )
-    return data, parity
+    return Proved(data, parity, count)
 
 
 def difference(score: Callable[[Array], Array], fitted: Calibrated, x: Array) -> float:
@@ -72,13 +90,29 @@ def difference(score: Callable[[Array], Array], fitted: Calibrated, x: Array) ->
     return float(np.abs(score(x) - fitted.confidence(x)).max(initial=0.0))
 
 
-def extremes(x: Inputs) -> Array:
-    """Return what no recording would give: rows of `x` scaled and turned by many orders, zeros, the largest floats."""
+def strange(x: Inputs, count: int) -> Iterator[Array]:
+    """Yield blocks of `count` inputs in all that are not rows of `x`: the ends of float32 first, then mixtures.
+
+    Of those, a third are rows scaled by many orders and turned, a third rows with some entries of `ODD`, a third lie
+    between two rows.
+    """
     rng = np.random.default_rng(0)
-    some = x[rng.integers(len(x), size=64)]
-    scale = rng.choice([-1.0, 1.0], some.shape) * 10.0 ** rng.uniform(-6, 6, some.shape)
-    largest = np.full(x[:1].shape, np.finfo(np.float32).max)
-    return np.concatenate([some * scale, 0 * largest, largest, -largest]).astype(np.float32)
+    ends = np.concatenate([ODD, -ODD]).reshape(-1, *(1,) * (len(x.shape) - 1)) * np.ones(x.shape[1:], np.float32)
+    yield ends[:count]
+    for start in range(len(ends), count, BLOCK):
+        yield mixtures(x, min(BLOCK, count - start), rng)
+
+
+def mixtures(x: Inputs, count: int, rng: np.random.Generator) -> Array:
+    """Return `count` inputs, float32: rows of `x` far away, spoilt, and mixed, in turns."""
+    rows, others = x[rng.integers(len(x), size=count)], x[rng.integers(len(x), size=count)]
+    scale = rng.choice([-1.0, 1.0], rows.shape) * 10.0 ** rng.uniform(-6, 6, rows.shape)
+    odd = rng.choice(ODD, rows.shape) * rng.choice([-1.0, 1.0], rows.shape)
+    spoilt = np.where(rng.random(rows.shape) < 1 / 3, odd, rows)
+    share = rng.random((count, *(1,) * (rows.ndim - 1)))
+    kinds = rows * scale, spoilt, share * rows + (1 - share) * others
+    which = np.arange(count).reshape(share.shape) % len(kinds)
+    return np.select([which == number for number in range(len(kinds))], kinds).astype(np.float32)
 
 
 def to_onnx(module: torch.nn.Module, *, shape: tuple[int, ...]) -> bytes:

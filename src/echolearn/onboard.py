@@ -1,0 +1,93 @@
+"""How a bundle does on this machine: seconds per recording and per echo, and memory at its peak.
+
+    python -m echolearn.onboard runs/bundles/best runs/survey/8x6x5_0dB [joint.Joint ...]
+
+loads the bundle as a robot does, takes the survey's recordings one at a time, observation in, accepted points out, and
+prints one line of JSON. Localizers of other names than the bundle's take its place in turns, in the bundle's window.
+The process does nothing else, so its peak of memory is what a robot needs; seconds are those of one core if
+OMP_NUM_THREADS=1.
+"""
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
+from typing import Any
+
+from echolearn import bundle, deploy, recording
+from echolearn.deploy import Scorer
+from echolearn.timing import Contestant, race
+from echolearn.types import Observation, Pose, check
+
+LAPS = 15
+"""How often the walk is taken."""
+
+CLASSIFIER = "classifier"
+"""What the model alone is called among the localizers."""
+
+
+def measure(
+    folder: Path, survey: Path, localizers: Sequence[str] = (), *, laps: int = LAPS, seconds: float = 1.5
+) -> dict[str, Any]:
+    """Return the laps of a bundle on a survey, and the peak of this process's memory.
+
+    Args:
+        folder: of the bundle.
+        survey: in the recorded-survey format.
+        localizers: by their names in a bundle, as `joint.Joint`; that of the bundle if there are none.
+        laps: how often the walk is taken with each of them.
+        seconds: after which no further lap begins.
+
+    Returns:
+        `laps`, for each localizer and for `classifier` a list of wall and CPU seconds per recording and per input;
+        `recordings` of a lap; `memory` in bytes.
+    """
+    scorer, walk = deploy.load(folder), recording.read(survey)
+    whole = walk.observe(range(len(walk.poses)))
+    steps = [(replace(whole, samples=samples), pose) for samples, pose in zip(whole.samples, walk.poses, strict=True)]
+    names = [*localizers] or [scorer.bundle.about["localizer"]["name"]]
+    contestants = {name: _streaming(_with(scorer, name), steps) for name in names}
+    one = scorer.bundle.golden[0][:1]
+    contestants[CLASSIFIER] = Contestant(lambda: scorer(one))
+    taken = race(contestants, laps=laps, seconds=seconds)
+    return {"laps": taken, "recordings": len(steps), "memory": peak_memory()}
+
+
+def _with(scorer: Scorer, name: str) -> Scorer:
+    """Return a scorer with the localizer of that name; the bundle's own keeps its arguments."""
+    about, window = scorer.bundle.about["localizer"], scorer.bundle.localizer.window
+    if name == about["name"]:
+        return scorer
+    other = bundle.localizer_of({"name": name, "arguments": {}}, window)
+    return replace(scorer, bundle=replace(scorer.bundle, localizer=other))
+
+
+def _streaming(scorer: Scorer, steps: Sequence[tuple[Observation, Pose]]) -> Contestant:
+    """Return a walk through recordings one at a time; a recording is a unit."""
+
+    def walk() -> None:
+        for observation, pose in steps:
+            scorer.update(observation, pose)
+
+    return Contestant(walk, units=len(steps))
+
+
+def peak_memory() -> int:
+    """Return the most memory that this process has had, in bytes."""
+    status = Path("/proc/self/status")
+    if status.is_file():  # getrusage remembers the process that started this one
+        [line] = [line for line in status.read_text().splitlines() if line.startswith("VmHWM")]
+        return int(line.split()[1]) << 10
+    return getrusage(RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def main(words: Sequence[str]) -> None:
+    """Measure what the command line names, and print it."""
+    check(len(words) >= 2, "onboard", " ".join(words), allowed="python -m echolearn.onboard <bundle> <survey>")
+    print(json.dumps(measure(Path(words[0]), Path(words[1]), words[2:])))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

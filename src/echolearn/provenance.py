@@ -1,0 +1,89 @@
+"""Is a survey still what it was when it was made?
+
+One that `echolearn survey` wrote has a manifest, and is proved byte for byte before a map is made of it. One that a
+robot left has none: its recordings can be read or not, but a flipped bit in a sample cannot be told from noise. Whoever
+wants to know can write a manifest with `seal`.
+"""
+
+from pathlib import Path
+
+from echolearn import recording, store
+from echolearn.recording import LIMITS, Survey
+from echolearn.types import BadValue, check
+
+OTHER = 1 << 20
+"""Bytes that a file of a survey may have which no map depends on."""
+
+CHANGED = f"if you changed the survey on purpose, remove its {store.MANIFEST}"
+
+
+def used(survey: Survey) -> list[str]:
+    """Return the names of the files that a map depends on."""
+    noise = [recording.NOISE] if (survey.folder / recording.NOISE).exists() else []
+    return ["survey.yaml", "probe.wav", "poses.csv", *noise, *dict.fromkeys(survey.files)]
+
+
+def read(folder: Path) -> tuple[Survey, int]:
+    """Read a survey, proved by its manifest first, and return it with the number of files that were proved.
+
+    Raises:
+        BadValue: as `check_whole` and `recording.read`, or a file in use that the manifest does not name.
+    """
+    entries = check_whole(folder)
+    survey = recording.read(folder)
+    for name in used(survey) if entries else ():
+        check(
+            name in entries, f"{folder / name}", "unknown", allowed=f"files that {store.MANIFEST} names", hint=CHANGED
+        )
+    return survey, len(entries)
+
+
+def check_whole(folder: Path) -> frozenset[str]:
+    """Prove a survey by its manifest, and return the files that it names; none if there is no manifest.
+
+    Raises:
+        BadValue: a file that is not as the manifest says; names the file.
+    """
+    place = folder / store.MANIFEST
+    if not place.exists():
+        return frozenset()
+    try:
+        manifest = store.load_manifest(folder)
+    except BadValue as error:
+        raise BadValue(f"{error}; {CHANGED}") from None
+    entries, mend = manifest["files"], f"{CHANGED}; else {store.advice(manifest)}"
+    check(manifest.get("kind") == "survey", f"{place} kind", manifest.get("kind"), allowed="survey", hint=CHANGED)
+    check(
+        "survey.yaml" in entries, f"{folder / 'survey.yaml'}", "unknown", allowed=f"files that {store.MANIFEST} names"
+    )
+    for name, entry in entries.items():
+        limit = LIMITS.get(name, LIMITS.get(Path(name).suffix, OTHER))
+        check(entry["bytes"] <= limit, f"{place} {name}", f"{entry['bytes']} bytes", allowed=f"at most {limit}")
+        store.prove(folder / name, size=entry["bytes"], expected=entry["sha256"], mend=mend)
+    return frozenset(entries)
+
+
+def seal(folder: Path) -> int:
+    """Write the manifest of a survey that has none, and return how many files it names.
+
+    Raises:
+        BadValue: there is one, or the survey cannot be read.
+    """
+    check(not (folder / store.MANIFEST).exists(), "survey", folder, allowed=f"one without {store.MANIFEST}")
+    names = used(recording.read(folder))
+    store.finish(folder, {"kind": "survey"}, names)
+    return len(names)
+
+
+def prove(folder: Path) -> str:
+    """Prove a survey by its manifest, read every recording of it, and say what there is.
+
+    Raises:
+        BadValue: as `read` and `Survey.observe`.
+    """
+    survey, files = read(folder)
+    for pose in range(len(survey.poses)):
+        survey.observe([pose])
+    survey.noise()
+    told = f"readable, {len(survey.poses)} recordings"
+    return f"whole, {files} files; {told}" if files else f"{told}; there is no {store.MANIFEST} to prove them by"
