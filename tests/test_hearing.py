@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,15 @@ import yaml
 from echolearn import features, recording
 from echolearn.hearing import BLOCK, hear
 from echolearn.judge import Heard
+from echolearn.localize.joint import Joint
 from echolearn.localize.matched import Matched
+from echolearn.noise.diffuse import Diffuse
+from echolearn.noise.rotor import Rotor
+from echolearn.signals import noise_covariance, noise_psd
+from echolearn.survey import survey
 from echolearn.tables import Comparison, snr_of
 from echolearn.types import BadValue
-from world import HALL, POSES, World
+from world import HALL, POSES, World, plans
 
 SPEED = 343.0
 
@@ -125,3 +131,38 @@ def test_a_missing_recording_is_named(world: World, edited: Callable[..., Path])
     (folder / "observations" / "0033.wav").unlink()
     with pytest.raises(BadValue, match=r"observations/0033.wav: cannot be read"):
         hear(folder, world.arguments["localizers"]["gated"], name="copy", resamples=2)
+
+
+@pytest.fixture(scope="module")
+def hovering(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a walk under rotors, with what they sound like alone."""
+    scene = replace(plans()[0].scene, diffuse=Diffuse(Rotor()))
+    runs = tmp_path_factory.mktemp("hovering")
+    return survey(name="rotors", room=HALL, scene=scene, snr_db=40.0, sdnr_db=-30.0, poses=POSES, runs=runs)
+
+
+def test_what_noise_alone_tells_goes_with_every_recording(hovering: Path, world: World) -> None:
+    walk = recording.read(hovering)
+    alone = walk.noise()
+    assert alone is not None
+    heard = walk.observe([3])
+    assert np.array_equal(heard.noise_psd, noise_psd(alone))
+    assert np.array_equal(heard.noise_covariance, noise_covariance(alone))
+    slower = replace(walk, rate=11025.0).observe([3])
+    assert slower.noise_psd is not None
+    low = noise_psd(alone)[:, :200].mean(axis=1) / 2  # below 5 kHz; of half the band, half the power
+    assert np.allclose(slower.noise_psd[:, :400].mean(axis=1), low, rtol=0.1)
+    assert recording.read(world.runs / "survey" / "hall_0dB").observe([0]).noise_psd is None
+
+
+def test_under_rotors_a_localizer_that_whitens_hears_more_walls(hovering: Path) -> None:
+    deaf, white = (
+        hear(hovering, Joint(echoes=1, azimuths=36, whiten=whiten), name="rotors", resamples=2).sheet.reference.sum()
+        for whiten in (False, True)
+    )
+    assert white > 1.5 * deaf
+
+
+def test_without_noise_alone_nothing_can_be_whitened(world: World) -> None:
+    with pytest.raises(BadValue, match=r"record the noise alone: noise.wav of a survey"):
+        hear(world.runs / "survey" / "hall_0dB", Joint(whiten=True), name="hall", resamples=2)

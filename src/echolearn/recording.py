@@ -17,6 +17,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ import numpy as np
 import yaml
 from scipy.io import wavfile
 
-from echolearn import direct
+from echolearn import direct, signals
 from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Probe, check, check_number
 
 NOISE = "noise.wav"
@@ -75,6 +76,8 @@ class Survey:
     def observe(self, poses: Sequence[int]) -> Observation:
         """Read the recordings of the numbered poses, samples (B, M, N), without the direct path.
 
+        What `noise.wav` tells of the noise goes with them, for localizers that whiten.
+
         Raises:
             BadValue: a recording that is missing, has another sample rate, number of channels or length, or NaN.
         """
@@ -82,7 +85,19 @@ class Survey:
         if self.direct:
             samples = direct.remove(samples, self.probe, self.array, speed_of_sound=self.speed_of_sound)
         observation = Observation(samples, self.probe, self.array, self.speed_of_sound)
-        return observation if self.rate in (None, self.probe.sample_rate) else resampled(observation, self.rate)
+        heard = observation if self.rate in (None, self.probe.sample_rate) else resampled(observation, self.rate)
+        psd, covariance = self.noise_statistics
+        return replace(heard, noise_psd=psd, noise_covariance=covariance)
+
+    @cached_property
+    def noise_statistics(self) -> tuple[Array, Array] | tuple[None, None]:
+        """Density and covariance of the noise alone, at the rate of what is read; None where it was not recorded."""
+        alone = self.noise()
+        if alone is None:
+            return None, None
+        if self.rate not in (None, self.probe.sample_rate):
+            alone = resampled(Observation(alone, self.probe, self.array), self.rate).samples
+        return signals.noise_psd(alone), signals.noise_covariance(alone)
 
     def noise(self) -> Array | None:
         """Read the noise alone, shape (M, K), or None where it was not recorded.
