@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from echolearn import config, store, study
+from echolearn import config, curves, store, study
 from echolearn.dataset import plain
 from echolearn.geometry import circular_array, true_echoes
 from echolearn.localize.gated import Gated
@@ -127,6 +127,18 @@ def test_every_experiment_can_be_built(name):
     assert about["name"] == name
     assert built.trials >= 50
     assert len(built.values) >= 4
+
+
+@pytest.mark.parametrize(
+    ("vary", "values"), [("snr_db", [-10, -7.5, 0, 40]), ("pings", [1, 2, 8, 10]), ("fault", ["none", "one_dead"])]
+)
+def test_equal_shares_stand_side_by_side_near_their_value(vary, values):
+    stands = np.array([curves.dodged(vary, values, number=number, count=11) for number in range(11)])
+    exact = curves.dodged(vary, values, number=None, count=11)
+    assert np.allclose(exact, range(len(values)) if vary == "fault" else values)
+    assert (np.diff(stands, axis=0) > 0).all()
+    assert (stands[-1, :-1] < stands[0, 1:]).all()
+    assert np.allclose(stands[5], exact)
 
 
 @pytest.mark.parametrize(

@@ -4,14 +4,20 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from echolearn.compare import to_csv
 from echolearn.figures import CYCLE, GREY, MARKERS, draw
+from echolearn.types import Array
 
-FORMAT = 1
+FORMAT = 2
 """Version of the files; part of a study's identity."""
+
+COLOURS = CYCLE[:-1]  # grey is chance's
+STROKES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+"""Of lines, as many as have no divisor in common with the colours: 28 lines differ."""
 
 Row = dict[str, Any]
 
@@ -71,22 +77,50 @@ def draw_panels(vary: str, rows: Sequence[Row], panels: Mapping[str, str]) -> st
 def paint_metric(axis: Axes, vary: str, rows: Sequence[Row]) -> None:
     """Draw one metric of every localizer."""
     values = list(dict.fromkeys(row[vary] for row in rows))
-    named = any(isinstance(value, str) for value in values)
-    place = {value: number if named else value for number, value in enumerate(values)}
-    for number, name in enumerate(dict.fromkeys(row["localizer"] for row in rows)):
+    names = list(dict.fromkeys(row["localizer"] for row in rows))
+    known = [name for name in names if name != "chance"]
+    for name in names:
         found = [row for row in rows if row["localizer"] == name]
-        x = [place[row[vary]] for row in found]
-        known = name != "chance"
-        style: Any = {"color": CYCLE[number % len(CYCLE)] if known else GREY, "linestyle": "-" if known else "--"}
-        marker = MARKERS[number % len(MARKERS)] if known else ""
-        axis.plot(x, [row["value"] for row in found], marker=marker, markersize=4, label=name, **style)
-        low, high = [row["ci_low"] for row in found], [row["ci_high"] for row in found]
-        axis.fill_between(x, low, high, color=style["color"], alpha=0.12, linewidth=0)
+        number = known.index(name) if name in known else None
+        paint_line(axis, name, found, x=dodged(vary, values, number=number, count=len(known)), number=number)
     if vary == "pings":
         axis.set_xscale("log", base=2)
         axis.set_xticks(values, [str(value) for value in values])
-    if named:
-        axis.set_xticks(list(place.values()), [str(value).replace("_", " ") for value in place])
+    if _named(values):
+        axis.set_xticks(range(len(values)), [str(value).replace("_", " ") for value in values])
+
+
+def paint_line(axis: Axes, name: str, rows: Sequence[Row], *, x: Array, number: int | None) -> None:
+    """Draw one localizer with its interval as a band; number None is chance."""
+    style: Any = {"color": GREY, "linestyle": "--"}
+    if number is not None:
+        style = {"color": COLOURS[number % len(COLOURS)], "linestyle": STROKES[number % len(STROKES)]}
+        style |= {"marker": MARKERS[number % len(MARKERS)], "markerfacecolor": "none"}
+        style |= {"markersize": 3.0 + 5.5 * 0.8**number, "linewidth": 1.0 + 1.8 * 0.7**number}  # equal ones nest
+    axis.plot(x, [row["value"] for row in rows], label=name, **style)
+    low, high = [row["ci_low"] for row in rows], [row["ci_high"] for row in rows]
+    axis.fill_between(x, low, high, color=style["color"], alpha=0.08, linewidth=0)
+
+
+def dodged(vary: str, values: Sequence[Any], *, number: int | None, count: int) -> Array:
+    """Return where a localizer's points stand along the axis: beside those of the others, nearer than the next value.
+
+    Args:
+        vary: `pings` has a logarithmic axis.
+        values: V, ascending; faults stand at 0, 1, 2 ...
+        number: of the localizer; None is chance, which stands at the values themselves.
+        count: localizers.
+    """
+    place = np.arange(len(values)) if _named(values) else np.array(values, dtype=float)
+    along = np.log2(place) if vary == "pings" else place.astype(float)
+    if number is not None and len(values) > 1:
+        step = min(0.7 * np.diff(along).min() / count, 0.007 * np.ptp(along))
+        along = along + (number - (count - 1) / 2) * step
+    return np.exp2(along) if vary == "pings" else along
+
+
+def _named(values: Sequence[Any]) -> bool:
+    return any(isinstance(value, str) for value in values)
 
 
 def show(folder: Path) -> None:
