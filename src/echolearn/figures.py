@@ -218,12 +218,15 @@ def arrival_times(sets: Mapping[str, tuple[Array, Array]]) -> str:
     return draw(paint, width=4.6 * len(sets), height=3.0)
 
 
-def powers(panels: Mapping[str, Mapping[str, Sequence[tuple[float, float, float, float]]]], *, ylabel: str) -> str:
+def powers(
+    panels: Mapping[str, Mapping[str, Sequence[tuple[float, float, float, float]]]], *, ylabel: str, level: bool = False
+) -> str:
     """Draw how something grows with several parameters, in logarithms, a panel per parameter.
 
     Args:
         panels: parameter -> label -> points (its value, median, lower and upper quartile).
         ylabel: name of what grows.
+        level: draw what should stay the same: from zero, not in logarithms.
     """
 
     def paint(figure: Figure) -> None:
@@ -234,7 +237,7 @@ def powers(panels: Mapping[str, Mapping[str, Sequence[tuple[float, float, float,
                 style: Any = {"color": CYCLE[number % len(CYCLE)], "marker": MARKERS[number % len(MARKERS)]}
                 axis.errorbar(x, median, yerr=[median - low, high - median], markersize=4, label=label, **style)
             ticks = sorted({point[0] for points in lines.values() for point in points})
-            axis.set(xscale="log", yscale="log", xlabel=parameter)
+            axis.set(xscale="log", xlabel=parameter, **({"ylim": (0, None)} if level else {"yscale": "log"}))
             axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
             axis.set_xticks([], minor=True)
             axis.legend(loc="best", fontsize=7)

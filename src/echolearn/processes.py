@@ -16,12 +16,16 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from signal import SIG_DFL, SIGINT, signal
 from threading import Thread
+from threading import enumerate as enumerate_threads
 from typing import TypeVar
 
 T = TypeVar("T")
 
 THREADED = ("torch", "sklearn", "numba", "dask")
 """Libraries that begin threads when they are used: how many they decided when they were imported."""
+
+WATCH = "waits for the parent's end"
+"""Name of the thread with which a process ends when the one that started it does."""
 
 MMAP_THRESHOLD, TRIM_THRESHOLD, LARGE = -3, -1, 1 << 30
 """Numbers of settings in glibc's malloc.h, and a value of both that no array reaches."""
@@ -46,9 +50,12 @@ def processes(count: int, *, begin: Callable[[], object] | None = None) -> Itera
 
 
 def is_alone() -> bool:
-    """Tell whether this process can be forked: it runs no second thread, also none of a library."""
-    threads = Path("/proc/self/task")
-    return not sys.modules.keys() & set(THREADED) and threads.is_dir() and len(list(threads.iterdir())) == 1
+    """Tell whether this process can be forked: it runs no second thread, also none of a library.
+
+    But for the one that waits for the parent's end (`_begin`), which holds no lock.
+    """
+    threads, known = Path("/proc/self/task"), 1 + sum(thread.name == WATCH for thread in enumerate_threads())
+    return not sys.modules.keys() & set(THREADED) and threads.is_dir() and len(list(threads.iterdir())) == known
 
 
 def meanwhile(work: Callable[[], T], other: Callable[[], object]) -> T:
@@ -113,7 +120,7 @@ def single_threads() -> Iterator[None]:
 def _begin(first: Callable[[], object] | None) -> None:
     """Die of an interrupt at once, and with the parent, even if it was killed: a pool's workers would wait forever."""
     signal(SIGINT, SIG_DFL)
-    Thread(target=_end_with_parent, daemon=True).start()
+    Thread(target=_end_with_parent, daemon=True, name=WATCH).start()
     if first is not None:
         first()
 

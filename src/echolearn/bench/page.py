@@ -116,7 +116,11 @@ def larger(found: Sequence[Measurement]) -> str:
         memory = (f"{of[key].median / 2**20:.0f} MiB" for key in ("memory, director", "memory, worker"))
         lines.append((spaced(rows), seconds(of["wall"]), *rates, *memory))
     head = ("rows generated", "takes", "rows/s", "rows/s, once started", "director's peak", "worker's peak")
-    return table(head, lines)
+    whole = [m.spread.median for m in found if (m.stage, m.measure) == ("rows", "rate")]
+    apart = (
+        f"\n\nThe slowest of these has {min(whole) / max(whole):.0%} of the rows/s of the fastest." if whole[1:] else ""
+    )
+    return table(head, lines) + apart
 
 
 def modelled(found: Sequence[Measurement]) -> str:

@@ -185,20 +185,36 @@ def describe(*, load_before: float) -> dict[str, Any]:
     return report.machine() | busy | {"memory_gib": round(memory, 1), "usable_cores": len(os.sched_getaffinity(0))}
 
 
+AXES = {"t60": "reverberation time / s", "microphones": "microphones", "azimuths": "directions of the grid"}
+HEIGHTS = {
+    "rir": "all responses of a position / s",
+    "localize": "one observation / s",
+    "rows": "rows per second",
+    "memory": "peak memory / MiB",
+}
+"""What the axes of figures say, by parameter and by figure."""
+
+
 def figures_of(found: Sequence[Measurement]) -> dict[str, bytes]:
     """Return the figures of growth, by file name: times of responses and localizers, rows per second, memory."""
     from echolearn import figures
 
     drawn: dict[str, Panels] = {}
     for line in growth(found):
-        panel = drawn.setdefault(f"{line[0].stage}, seconds", {}).setdefault(line[0].parameter, {})
+        panel = drawn.setdefault(line[0].stage, {}).setdefault(AXES[line[0].parameter], {})
         panel[line[0].variant] = points(line)
     for m in found:
         if m.stage == "rows" and m.measure not in ("wall", "size"):
-            kind = "memory, bytes" if m.measure.startswith("memory") else "rows, per second"
+            kind, _, label = m.measure.rpartition(", ")
             line = [other for other in found if (other.stage, other.measure) == (m.stage, m.measure)]
-            drawn.setdefault(kind, {}).setdefault("rows", {})[m.measure] = points(line)
-    texts = {name.split(",")[0]: figures.powers(panels, ylabel=name) for name, panels in drawn.items()}
+            unit = 2**20 if kind else 1
+            scaled = [(x, middle / unit, low / unit, high / unit) for x, middle, low, high in points(line)]
+            named = label if kind else {"rate": "whole call", "steady rate": "once started"}[label]
+            drawn.setdefault(kind or "rows", {}).setdefault("rows generated", {})[named] = scaled
+    texts = {
+        kind: figures.powers(panels, ylabel=HEIGHTS.get(kind, f"{kind} / s"), level=kind in ("rows", "memory"))
+        for kind, panels in drawn.items()
+    }
     return {f"figures/{name}.svg": text.encode() for name, text in texts.items()}
 
 
