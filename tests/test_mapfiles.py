@@ -9,24 +9,15 @@ import pytest
 import yaml
 from PIL import Image
 
+from charts import CONFIDENCE, POINTS, POSES, lopsided
 from echolearn.mapfiles import Chart, grid, ply, svg, table
-from echolearn.types import BadValue, Echoes, EchoMap
-
-POINTS = np.array([[3.02, -1.98], [5.02, 1.03], [5.02, 1.03], [4.02, 3.02], [9.0, 9.0], [3.02, -0.98]])
-POSES = np.array([[3.02, -0.98], [4.02, 1.03], [4.02, 1.03], [4.02, 1.02], [4.02, 1.02], [3.02, -0.98]])
-CONFIDENCE = np.array([0.9, 0.8, 0.7, 0.99, 0.1, 0.9])
-KEPT = CONFIDENCE > 0.5
-FLAT = np.array([1, 1, 1, 1, 1, 0])
+from echolearn.types import BadValue, EchoMap
 
 
 @pytest.fixture
 def chart() -> Chart:
-    """Return three poses of two echoes in a lopsided place with negative coordinates; the last is a ceiling's."""
-    column = (np.arange(6.0) / 3).reshape(3, 2)
-    echoes = Echoes(column, column + 1, column + 2, column + 3, (FLAT * np.pi / 2).reshape(3, 2), column + 4)
-    path = np.array([[3.02, -0.98, 1.5], [4.02, 1.03, 1.6], [4.02, 1.02, 1.7]])
-    outline = np.array([[0.0, -2.0], [5.0, -2.0], [5.0, 3.0], [0.0, 3.0]])
-    return Chart("lopsided", echoes, EchoMap(POINTS, CONFIDENCE, KEPT, POSES), path, outline)
+    """Return the lopsided place."""
+    return lopsided()
 
 
 def test_the_table_holds_every_echo_to_the_last_digit(chart: Chart) -> None:
