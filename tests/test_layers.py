@@ -25,7 +25,7 @@ ROBOT = {
     *"schema bundle deploy onboard timing provenance progress direct lines mapfiles cartography".split(),
 }
 """Parts that run on a robot: numpy and scipy, YAML where surveys are read, onnxruntime where bundles are loaded, and
-rich for bars where it is installed."""
+rich for bars and rosbags for bags where they are installed."""
 
 OWNERS = {
     "hydra": {"config", "launch"},
@@ -48,6 +48,7 @@ OWNERS = {
     "distributed": {"engine"},
     "dask_jobqueue": {"engine"},
     "threadpoolctl": {"engine"},
+    "rosbags": {"mapfiles"},
     "numpy": set(ORDER),
     "scipy": set(ORDER),
 }
@@ -55,6 +56,7 @@ OWNERS = {
 
 HEAVY = (
     "torch sklearn hydra omegaconf lightning pyroomacoustics numba matplotlib onnx onnxruntime yaml dask distributed"
+    " rosbags"
 ).split()
 
 
@@ -103,7 +105,7 @@ def test_imports_go_downwards_only() -> None:
 def test_what_runs_on_a_robot_imports_only_what_runs_on_a_robot() -> None:
     assert {(a, b) for a, b in EDGES if a in ROBOT and b not in ROBOT} == set()
     libraries = {(a, name) for a, name in LIBRARIES if a in ROBOT and name not in sys.stdlib_module_names}
-    assert {name for _, name in libraries} <= {"numpy", "scipy", "yaml", "onnxruntime", "rich"}
+    assert {name for _, name in libraries} <= {"numpy", "scipy", "yaml", "onnxruntime", "rich", "rosbags"}
 
 
 def test_classifiers_know_nothing_of_rooms_and_recordings() -> None:

@@ -2,31 +2,26 @@
 
 import csv
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
 from io import BytesIO, StringIO
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from PIL import Image
+from plyfile import PlyData
 
+from charts import CONFIDENCE, CORNERS, POINTS, POSES, angled, lopsided, nav2
+from echolearn.geometry import distance_to_outline
 from echolearn.mapfiles import Chart, grid, ply, svg, table
-from echolearn.types import BadValue, Echoes, EchoMap
-
-POINTS = np.array([[3.02, -1.98], [5.02, 1.03], [5.02, 1.03], [4.02, 3.02], [9.0, 9.0], [3.02, -0.98]])
-POSES = np.array([[3.02, -0.98], [4.02, 1.03], [4.02, 1.03], [4.02, 1.02], [4.02, 1.02], [3.02, -0.98]])
-CONFIDENCE = np.array([0.9, 0.8, 0.7, 0.99, 0.1, 0.9])
-KEPT = CONFIDENCE > 0.5
-FLAT = np.array([1, 1, 1, 1, 1, 0])
+from echolearn.types import Array, BadValue, EchoMap
 
 
 @pytest.fixture
 def chart() -> Chart:
-    """Return three poses of two echoes in a lopsided place with negative coordinates; the last is a ceiling's."""
-    column = (np.arange(6.0) / 3).reshape(3, 2)
-    echoes = Echoes(column, column + 1, column + 2, column + 3, (FLAT * np.pi / 2).reshape(3, 2), column + 4)
-    path = np.array([[3.02, -0.98, 1.5], [4.02, 1.03, 1.6], [4.02, 1.02, 1.7]])
-    outline = np.array([[0.0, -2.0], [5.0, -2.0], [5.0, 3.0], [0.0, 3.0]])
-    return Chart("lopsided", echoes, EchoMap(POINTS, CONFIDENCE, KEPT, POSES), path, outline)
+    """Return the lopsided place."""
+    return lopsided()
 
 
 def test_the_table_holds_every_echo_to_the_last_digit(chart: Chart) -> None:
@@ -113,6 +108,50 @@ def test_the_cloud_is_read_by_its_header(chart: Chart) -> None:
     cloud = np.frombuffer(body, "<f4").reshape(4, 4)
     assert np.allclose(cloud[:, :2], POINTS[:4]) and np.allclose(cloud[:, 3], CONFIDENCE[:4])
     assert np.allclose(cloud[:, 2], [1.5, 1.5, 1.6, 1.6])
+
+
+@pytest.mark.parametrize("made", [lopsided, angled])
+def test_the_cloud_opens_in_plyfile(made: Callable[[], Chart], tmp_path: Path) -> None:
+    chart = made()
+    (tmp_path / "map.ply").write_bytes(ply.write(chart)["map.ply"])
+    found = PlyData.read(tmp_path / "map.ply")
+    assert [element.name for element in found] == ["vertex"] and found.byte_order == "<" and not found.text
+    vertices = found["vertex"]
+    assert [(column.name, column.val_dtype) for column in vertices.properties] == [
+        (name, "f4") for name in ("x", "y", "z", "confidence")
+    ]
+    points = np.column_stack([chart.map.points, chart.path[chart.index, 2], chart.map.confidence])[chart.drawn]
+    for name, column in zip(("x", "y", "z", "confidence"), points.T, strict=True):
+        assert np.array_equal(vertices[name], column.astype(np.float32))
+
+
+def test_nav2_finds_walls_and_walk_of_an_l_where_they_are_and_nowhere_else() -> None:
+    chart = angled()
+    cells, (x, y, resolution) = nav2(grid.write(chart))
+    assert {*cells.flat} == {-1, 0, 100}
+
+    def holds(read: Array) -> bool:
+        """Tell whether a reading has every wall point occupied and every pose free."""
+        return all(
+            ((places - [x, y]) // resolution < read.shape[::-1]).all()
+            and {*read[tuple(((places - [x, y]) // resolution).astype(int).T[::-1])]} == {value}
+            for places, value in ((chart.map.points, 100), (chart.path[:, :2], 0))
+        )
+
+    assert holds(cells)
+    for wrong in (
+        cells[::-1],
+        cells[:, ::-1],
+        cells[::-1, ::-1],
+        cells.T,
+        cells.T[::-1],
+        *(np.roll(cells, 1, axis=k) for k in (0, 1)),
+    ):
+        assert not holds(wrong)
+    rows, columns = np.nonzero(cells == 100)
+    centres = np.column_stack([columns + 0.5, rows + 0.5]) * resolution + [x, y]
+    assert distance_to_outline(centres, CORNERS).max() <= resolution / np.sqrt(2)
+    assert (np.ptp(centres, axis=0) > [5.9, 5.4]).all()  # from wall to wall
 
 
 def test_the_drawing_has_equal_axes_and_every_point(chart: Chart) -> None:

@@ -1,7 +1,7 @@
 """A recorded survey and a bundle make a map: every recording heard as `deploy` does, the files by `mapfiles`.
 
-The map is identified by what goes into it: the bundle, the survey's files, the resolution. A finished one is not made
-again.
+The map is identified by what goes into it: the bundle, the survey's files, the resolution, and whether
+a bag for ROS is among its files. A finished one is not made again.
 """
 
 import hashlib
@@ -15,7 +15,7 @@ import numpy as np
 
 from echolearn import deploy, metrics, provenance, recording, store
 from echolearn.deploy import Heard, Scorer
-from echolearn.mapfiles import Chart, grid, ply, svg, table
+from echolearn.mapfiles import Chart, grid, mcap, ply, svg, table
 from echolearn.progress import track
 from echolearn.types import BadValue, Echoes, EchoMap, Observation, check, check_name, check_number
 
@@ -37,6 +37,7 @@ def draw(
     name: str | None = None,
     resolution: float = 0.05,
     resample: bool = False,
+    ros: bool = False,
     command: str | None = None,
 ) -> Path:
     """Map a recorded survey, and say what the map is worth where the room's outline is known.
@@ -48,14 +49,17 @@ def draw(
         name: of the map's folder; `<survey>-<bundle>` unless given.
         resolution: side of a cell of the occupancy grid, in m.
         resample: bring recordings of another sample rate to the bundle's.
+        ros: also write a bag for ROS 2.
         command: what makes the map again; None says nothing about it.
 
     Returns:
         The map's folder.
 
     Raises:
-        BadValue: a survey or bundle that is missing, damaged or not allowed, or that do not fit each other.
+        BadValue: a survey or bundle that is missing, damaged or not allowed, or that do not fit each other; or `ros`
+            where no bag can be written.
     """
+    mcap.check_wanted(ros)
     check_number("resolution", resolution, low=0.005, high=1.0, unit="m")
     name = name or f"{Path(survey).resolve().name}-{Path(bundle).resolve().name}"
     check_name("name", name)
@@ -67,17 +71,21 @@ def draw(
         "bundle": scorer.bundle.about["sha256"],
         "survey": fingerprint(walk),
         "resolution": float(resolution),
+        **({"ros": True} if ros else {}),  # a map without a bag is what it was before there were bags
     }
     found = _finished(folder, inputs)
     if found is None:
-        heard = listen(scorer, walk)
-        path = np.array([pose.position for pose in walk.poses])
-        chart = Chart(name, heard.echoes, heard.map, path, walk.walls, float(resolution))
+        chart = _chart(name, walk, listen(scorer, walk), resolution=float(resolution))
         found = {"kind": "map", "inputs": inputs, "scores": scores(chart), "lines": len(chart.lines)}
-        found |= {"poses": len(path), "kept": int(np.sum(heard.map.kept)), **store.made_by(command)}
-        _write(folder, chart, found)
+        found |= {"poses": len(chart.path), "kept": int(np.sum(chart.map.kept)), **store.made_by(command)}
+        _write(folder, chart, found, ros=ros)
     say(found)
     return folder
+
+
+def _chart(name: str, walk: recording.Survey, heard: Heard, *, resolution: float) -> Chart:
+    path, headings = (np.array([getattr(pose, field) for pose in walk.poses]) for field in ("position", "heading"))
+    return Chart(name, heard.echoes, heard.map, path, walk.walls, resolution, headings)
 
 
 def check_fit(scorer: Scorer, walk: recording.Survey) -> None:
@@ -146,9 +154,13 @@ def _finished(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
     return found if found.get("inputs") == inputs else None
 
 
-def _write(folder: Path, chart: Chart, about: Mapping[str, Any]) -> None:
+def _write(folder: Path, chart: Chart, about: Mapping[str, Any], *, ros: bool) -> None:
     store.clean(folder)
-    files = {name: content for writer in (table, ply, grid, svg) for name, content in writer.write(chart).items()}
+    store.clean(folder / mcap.FOLDER)
+    if not ros:
+        mcap.remove(folder)  # that of the map before
+    writers = (table, ply, grid, svg, *((mcap,) if ros else ()))
+    files = {name: content for writer in writers for name, content in writer.write(chart).items()}
     for name, content in files.items():
         store.write_atomic(folder / name, content)
     store.finish(folder, about, files)

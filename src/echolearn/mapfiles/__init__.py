@@ -27,6 +27,7 @@ class Chart:
         path: positions of the P poses, shape (P, 3), in m.
         outline: corners of the room, shape (C, 2), in m, or None.
         resolution: of the grid, in m.
+        headings: of the P poses, shape (P,), in rad, or None where they are not known.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Chart:
     path: Array
     outline: Array | None = None
     resolution: float = 0.05
+    headings: Array | None = None
 
     @property
     def index(self) -> Array:

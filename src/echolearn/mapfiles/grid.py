@@ -23,6 +23,10 @@ MARGIN = 0.5
 """m of unknown around everything seen."""
 
 UNKNOWN = 205
+OCCUPIED = 0.65
+FREE = 0.196
+"""Thresholds of occupancy by which map_server tells cells that are occupied, free or unknown."""
+
 CELLS = 16_000_000
 """Most cells of a grid."""
 
@@ -33,16 +37,31 @@ def write(chart: Chart) -> Files:
     Raises:
         BadValue: a resolution that makes the grid too large.
     """
-    odds, touched, origin = occupancy(chart)
-    occupied = 1.0 / (1.0 + np.exp(-odds))
-    pixels = np.where(touched, np.rint(255.0 * (1.0 - occupied)), UNKNOWN).astype(np.uint8)[::-1]
+    pixels, origin = image(chart)
     height, width = pixels.shape
     about = (
         "image: map.pgm\nmode: trinary\n"
         f"resolution: {chart.resolution!r}\norigin: [{origin[0]!r}, {origin[1]!r}, 0.0]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+        f"negate: 0\noccupied_thresh: {OCCUPIED}\nfree_thresh: {FREE}\n"
     )
     return {"map.pgm": f"P5\n{width} {height}\n255\n".encode() + pixels.tobytes(), "map.yaml": about.encode()}
+
+
+def image(chart: Chart) -> tuple[Array, tuple[float, float]]:
+    """Return the pixels, shape (height, width), uint8, row 0 the largest y, and the origin."""
+    odds, touched, origin = occupancy(chart)
+    occupied = 1.0 / (1.0 + np.exp(-odds))
+    return np.where(touched, np.rint(255.0 * (1.0 - occupied)), UNKNOWN).astype(np.uint8)[::-1], origin
+
+
+def cells(chart: Chart) -> tuple[Array, tuple[float, float]]:
+    """Return what map_server makes of the image, shape (height, width), int8, row 0 the smallest y, and the origin.
+
+    A cell is 100, occupied; 0, free; or -1, unknown.
+    """
+    pixels, origin = image(chart)
+    occupied = (255.0 - pixels[::-1]) / 255.0
+    return np.select([occupied > OCCUPIED, occupied < FREE], [100, 0], default=-1).astype(np.int8), origin
 
 
 def occupancy(chart: Chart) -> tuple[Array, Array, tuple[float, float]]:

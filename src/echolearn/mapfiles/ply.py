@@ -3,15 +3,22 @@
 import numpy as np
 
 from echolearn.mapfiles import Chart, Files
+from echolearn.types import Array
+
+FIELDS = ("x", "y", "z", "confidence")
+"""Of a point, in this order, each a little-endian float of 4 bytes."""
 
 
 def write(chart: Chart) -> Files:
     """Return the point cloud."""
+    points = cloud(chart)
+    properties = "".join(f"property float {name}\n" for name in FIELDS)
+    head = f"ply\nformat binary_little_endian 1.0\ncomment metres, room frame\nelement vertex {len(points)}\n"
+    return {"map.ply": f"{head}{properties}end_header\n".encode() + points.tobytes()}
+
+
+def cloud(chart: Chart) -> Array:
+    """Return the drawn points, shape (K, 4): columns `FIELDS`, as little-endian floats of 4 bytes."""
     shown = chart.drawn
-    fields = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("confidence", "<f4")]
-    cloud = np.empty(int(shown.sum()), dtype=fields)
-    cloud["x"], cloud["y"] = chart.map.points[shown].T
-    cloud["z"], cloud["confidence"] = chart.path[chart.index[shown], 2], chart.map.confidence[shown]
-    properties = "".join(f"property float {name}\n" for name, _ in fields)
-    head = f"ply\nformat binary_little_endian 1.0\ncomment metres, room frame\nelement vertex {len(cloud)}\n"
-    return {"map.ply": f"{head}{properties}end_header\n".encode() + cloud.tobytes()}
+    heights, beliefs = chart.path[chart.index[shown], 2], chart.map.confidence[shown]
+    return np.column_stack([chart.map.points[shown], heights, beliefs]).astype("<f4")
