@@ -74,8 +74,8 @@ def test_odds_add_up_as_the_header_says(chart: Chart) -> None:
 
     assert at(3.02, -1.98) == pytest.approx(logit(0.9 * 0.9 + 0.05))
     assert at(5.02, 1.03) == pytest.approx(logit(0.8 * 0.9 + 0.1) + logit(0.7 * 0.9 + 0.15))
-    assert at(3.02, -1.48) == pytest.approx(logit(0.9 * 0.3 + 0.05))
-    assert at(4.52, 1.03) == pytest.approx(logit(0.8 * 0.3 + 0.1) + logit(0.7 * 0.3 + 0.15))
+    assert at(3.02, -1.48) == pytest.approx(logit(0.9 * 0.1 + 0.05))
+    assert at(4.52, 1.03) == pytest.approx(logit(0.8 * 0.1 + 0.1) + logit(0.7 * 0.1 + 0.15))
 
 
 def test_rejected_echoes_and_ceilings_leave_the_grid_and_the_cloud_alone(chart: Chart) -> None:

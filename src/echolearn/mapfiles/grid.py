@@ -17,7 +17,8 @@ from echolearn.mapfiles import Chart, Files
 from echolearn.types import Array, check
 
 HIT = 0.9
-MISS = 0.3
+MISS = 0.1
+"""Below `FREE`, so that one sure echo makes a path free to map_server: what came back has been there and back."""
 LIMIT = 5.0
 MARGIN = 0.5
 """m of unknown around everything seen."""
