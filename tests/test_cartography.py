@@ -12,7 +12,7 @@ import pytest
 import yaml
 from scipy.io import wavfile
 
-from echolearn import metrics, recording
+from echolearn import audio, metrics, recording
 from echolearn.cartography import draw
 from echolearn.cli import main
 from echolearn.geometry import circular_array, distance_to_outline, outline
@@ -93,7 +93,7 @@ def test_a_direct_path_that_is_present_is_removed(world: World, packed: Path, wa
     survey = recording.read(walk)
     scene = Scene(survey.array, survey.probe, Images(), None)  # type: ignore[arg-type]
     for name in survey.files:
-        samples = 0.02 * (recording.read_wav(walk / name, 22050.0) + scene.direct)
+        samples = 0.02 * (audio.read_wav(walk / name, 22050.0) + scene.direct)
         assert np.abs(samples).max() < 1
         wavfile.write(walk / name, 22050, np.rint(samples.T * 32767).astype(np.int16))
     edit(walk, direct_path="present")
@@ -125,7 +125,7 @@ def test_another_simulator_at_another_rate_with_a_turned_array_is_mapped(packed:
         samples = 0.05 * (received + noise * np.sqrt(np.mean(received**2) / 100))
         wavfile.write(walk / name, rate, np.rint(samples.T * 32767).astype(np.int16))
     padded = np.pad(fine, (0, 12000 - len(fine)))
-    (walk / "probe.wav").write_bytes(recording.wav_bytes(padded, rate))
+    (walk / "probe.wav").write_bytes(audio.wav_bytes(padded, rate))
     (walk / "poses.csv").write_bytes(recording.poses_csv(poses, names))
     about = recording.describe(array, probe, speed_of_sound=343.0, walls=outline(tower), conditions={})
     (walk / "survey.yaml").write_bytes(about)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from echolearn import recording
+from echolearn import audio
 from echolearn.config import TARGET, build, compose, find, folder
 from echolearn.noise.diffuse import Diffuse
 from echolearn.noise.rotor import Rotor
@@ -25,7 +25,7 @@ USED_BY = {"room": "survey", "classifier": "train"}
 
 
 HUM = Path(tempfile.mkdtemp()) / "hum.wav"
-HUM.write_bytes(recording.wav_bytes(np.sin(np.arange(5000)), 22050.0))
+HUM.write_bytes(audio.wav_bytes(np.sin(np.arange(5000)), 22050.0))
 NEEDED = {"diffuse=recorded": [f"diffuse.source.path={HUM}"]}
 """What a file leaves to the user."""
 

@@ -14,18 +14,18 @@ SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
     types literal timing processes progress config store engine markers geometry matching signals coverage stats
-    direct recording provenance noise localize rir features metrics mapping guard schema bundle deploy onboard lines
-    mapfiles cartography simulate plans dataset survey judge hearing classify task training trained tables figures
-    report compare trials curves study export bench launch commands cli
+    audio direct recording provenance noise localize rir features metrics mapping guard schema bundle deploy onboard
+    lines mapfiles cartography simulate plans dataset survey judge hearing classify task training trained tables
+    figures report compare trials curves study export bench launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 
 ROBOT = {
-    *"types store geometry matching signals coverage recording localize features metrics mapping guard".split(),
+    *"types store geometry matching signals coverage audio recording localize features metrics mapping guard".split(),
     *"schema bundle deploy onboard timing provenance progress direct lines mapfiles cartography".split(),
 }
-"""Parts that run on a robot: numpy and scipy, YAML where surveys are read, onnxruntime where bundles are loaded, and
-rich for bars and rosbags for bags where they are installed."""
+"""Parts that run on a robot: numpy and scipy, YAML where surveys are read, onnxruntime where bundles are loaded; rich for
+bars, soundfile for FLAC and rosbags for bags where they are installed."""
 
 OWNERS = {
     "hydra": {"config", "launch"},
@@ -37,7 +37,7 @@ OWNERS = {
     "onnx": {"bench", "classify"},
     "onnxruntime": {"classify", "deploy"},
     "pyroomacoustics": {"rir"},
-    "soundfile": {"noise"},
+    "soundfile": {"audio", "noise"},
     "rir_generator": {"bench"},
     "numba": {"rir"},
     "llvmlite": {"rir"},
@@ -55,8 +55,8 @@ OWNERS = {
 """Which parts import each library."""
 
 HEAVY = (
-    "torch sklearn hydra omegaconf lightning pyroomacoustics numba matplotlib onnx onnxruntime yaml dask distributed"
-    " rosbags"
+    "torch sklearn hydra omegaconf lightning pyroomacoustics numba matplotlib onnx onnxruntime yaml dask distributed "
+    "rosbags soundfile"
 ).split()
 
 
@@ -105,7 +105,7 @@ def test_imports_go_downwards_only() -> None:
 def test_what_runs_on_a_robot_imports_only_what_runs_on_a_robot() -> None:
     assert {(a, b) for a, b in EDGES if a in ROBOT and b not in ROBOT} == set()
     libraries = {(a, name) for a, name in LIBRARIES if a in ROBOT and name not in sys.stdlib_module_names}
-    assert {name for _, name in libraries} <= {"numpy", "scipy", "yaml", "onnxruntime", "rich", "rosbags"}
+    assert {name for _, name in libraries} <= {"numpy", "scipy", "yaml", "onnxruntime", "rich", "rosbags", "soundfile"}
 
 
 def test_classifiers_know_nothing_of_rooms_and_recordings() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echolearn import recording
+from echolearn import audio
 from echolearn.config import build, compose, folder
 from echolearn.geometry import circular_array
 from echolearn.noise.fixed import Fixed
@@ -28,7 +28,7 @@ def noise(option: str) -> Noise:
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / "any.wav"
         samples = np.random.default_rng(8).standard_normal(22050 * 20)
-        path.write_bytes(recording.wav_bytes(samples, 22050.0))
+        path.write_bytes(audio.wav_bytes(samples, 22050.0))
         words += [f"diffuse.source.path={path}"] if option == "diffuse=recorded" else []
         [(_, config)] = compose("generate", words)
         return build(config[group], group)  # type: ignore[no-any-return]

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import echolearn
-from echolearn import bundle, deploy, features, judge, metrics, recording, store, tables
+from echolearn import audio, bundle, deploy, features, judge, metrics, store, tables
 from echolearn.classify.inputs import COVARIANCE, as_input, view_of
 from echolearn.dataset import Dataset, plain
 from echolearn.tables import Comparison, Contestant
@@ -232,7 +232,7 @@ def pack(run: Run, dataset: Dataset, probe: Probe) -> Files:
     return {
         "model.onnx": (run.folder / "model.onnx").read_bytes(),
         "golden.npz": buffer.getvalue(),
-        "probe.wav": recording.wav_bytes(padded, probe.sample_rate),
+        "probe.wav": audio.wav_bytes(padded, probe.sample_rate),
     }
 
 

@@ -57,7 +57,7 @@ def check_whole(folder: Path) -> frozenset[str]:
         "survey.yaml" in entries, f"{folder / 'survey.yaml'}", "unknown", allowed=f"files that {store.MANIFEST} names"
     )
     for name, entry in entries.items():
-        limit = LIMITS.get(name, LIMITS.get(Path(name).suffix, OTHER))
+        limit = LIMITS.get(name, LIMITS.get(Path(name).suffix.lower(), OTHER))
         check(entry["bytes"] <= limit, f"{place} {name}", f"{entry['bytes']} bytes", allowed=f"at most {limit}")
         store.prove(folder / name, size=entry["bytes"], expected=entry["sha256"], mend=mend)
     return frozenset(entries)

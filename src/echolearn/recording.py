@@ -6,32 +6,30 @@
                          optional conditions: whatever is known of how it was recorded (snr_db, noise, ...)
     probe.wav            the burst, one channel, followed by silence up to the length of a recording
     poses.csv            index,x_m,y_m,z_m,heading_rad,file
-    observations/*.wav   M channels each, float32 or PCM
+    observations/*       M channels each, WAV (float32 or PCM) or FLAC
     noise.wav            optional: M channels of noise alone, of any length, the loudspeaker silent
 
 Positions are of the loudspeaker in the room's frame; times count from the emission.
 """
 
 import csv
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from io import BytesIO, StringIO
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from scipy.io import wavfile
 
-from echolearn import direct, signals
+from echolearn import audio, direct, signals
 from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Probe, check, check_number
 
 NOISE = "noise.wav"
 
-LIMITS = {"survey.yaml": 1 << 17, "poses.csv": 4 << 20, ".wav": 64 << 20}
+LIMITS = {"survey.yaml": 1 << 17, "poses.csv": 4 << 20, ".wav": audio.LARGEST, ".flac": audio.LARGEST}
 """Bytes that a file of a survey may have."""
 
 LONGEST = 1 << 20
@@ -109,7 +107,7 @@ class Survey:
         if not path.exists():
             return None
         check(inside(self.folder, NOISE), str(path), "a link", allowed=INSIDE)
-        samples = read_wav(path, self.probe.sample_rate)
+        samples = audio.read_wav(path, self.probe.sample_rate)
         channels, length = len(self.array), self.probe.length
         allowed = f"{channels} channels of at least {length} samples"
         check(samples.shape[0] == channels and samples.shape[1] >= length, str(path), samples.shape, allowed=allowed)
@@ -119,15 +117,8 @@ class Survey:
         path = self.folder / name
         check(inside(self.folder, name), f"{self.folder}/poses.csv file", name, allowed=INSIDE)
         expected = (len(self.array), self.probe.length)
-        _check_size(path, min(LIMITS[".wav"], 8 * expected[0] * expected[1] + 65536))
-        samples = read_wav(path, self.probe.sample_rate)
+        samples = audio.read(path, self.probe.sample_rate, shape=expected)
         check(bool(samples.any()), str(path), "silence", allowed="a recording", hint="was the recorder running?")
-        check(
-            samples.shape == expected,
-            str(path),
-            samples.shape,
-            allowed=f"{expected[0]} channels of {expected[1]} samples",
-        )
         return samples
 
 
@@ -147,48 +138,6 @@ def resampled(observation: Observation, rate: float | None) -> Observation:
 def inside(folder: Path, name: str) -> bool:
     """Tell whether a file of a survey lies in its folder, links followed."""
     return "\0" not in name and (folder / name).resolve().is_relative_to(folder.resolve())
-
-
-def wav_bytes(samples: Array, sample_rate: float) -> bytes:
-    """Return `samples` (M, N) or (N,) as a float32 WAV file."""
-    buffer = BytesIO()
-    wavfile.write(buffer, round(sample_rate), np.ascontiguousarray(samples.T, dtype=np.float32))
-    return buffer.getvalue()
-
-
-def read_wav(path: Path, sample_rate: float) -> Array:
-    """Return a WAV file's samples as float64, shape (M, N), PCM scaled to -1 ... 1.
-
-    Raises:
-        BadValue: not a WAV file, its sample rate is not `sample_rate` Hz, or it holds NaN.
-    """
-    _check_size(path, LIMITS[".wav"])
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of chunks besides format and data
-            rate, samples = wavfile.read(path)
-    except Exception as error:  # scipy answers a damaged header with whatever its parser trips over
-        raise BadValue(f"{path}: cannot be read as WAV ({' '.join(str(error).split())})") from None
-    check(
-        rate == sample_rate,
-        f"{path} sample_rate",
-        f"{rate} Hz",
-        allowed=f"{sample_rate:g} Hz",
-        hint="resample the recording",
-    )
-    check(bool(np.isfinite(samples).all()), str(path), "NaN or infinity", allowed="finite samples")
-    return np.atleast_2d(scaled(samples).T)
-
-
-def scaled(samples: Array) -> Array:
-    """Return samples as float64, PCM of any width scaled to -1 ... 1; that of 8 bits is unsigned around 128."""
-    if samples.dtype.kind not in "iu":
-        return samples.astype(float)
-    half = 2.0 ** (8 * samples.dtype.itemsize - 1)
-    found: Array = samples.astype(float)
-    found -= half if samples.dtype.kind == "u" else 0.0
-    found /= half
-    return found
 
 
 def poses_csv(poses: Sequence[Pose], files: Sequence[str]) -> bytes:
@@ -227,7 +176,7 @@ def read(folder: Path) -> Survey:
     for name in ("survey.yaml", "probe.wav", "poses.csv"):
         check(inside(folder, name), f"{folder}/{name}", "a link", allowed=INSIDE)
     about = _read_yaml(folder / "survey.yaml")
-    padded = read_wav(folder / "probe.wav", about["sample_rate"])[0]
+    padded = audio.read_wav(folder / "probe.wav", about["sample_rate"])[0]
     burst = padded[: np.flatnonzero(padded)[-1] + 1] if padded.any() else padded[:0]
     check(len(burst) > 0, f"{folder}/probe.wav", "silence", allowed="the burst that was emitted")
     check(len(padded) <= LONGEST, f"{folder}/probe.wav", f"{len(padded)} samples", allowed=f"at most {LONGEST}")
@@ -246,7 +195,7 @@ def read(folder: Path) -> Survey:
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
-    _check_size(path, LIMITS["survey.yaml"])
+    audio.check_size(path, LIMITS["survey.yaml"])
     try:
         text = path.read_text()
         _check_plain(text)
@@ -279,14 +228,6 @@ def _check_plain(text: str) -> None:
         raise ValueError("it holds an alias, *name, by which little text can become endless lists")
 
 
-def _check_size(path: Path, limit: int) -> None:
-    """Raise `BadValue` if a file is too large or no plain file; one that is missing is left to its reader."""
-    if path.exists():
-        check(path.is_file(), str(path), "no plain file", allowed="a file")
-        size = path.stat().st_size
-        check(size <= limit, str(path), f"{size} bytes", allowed=f"at most {limit} bytes")
-
-
 def _metres(value: Any, name: str, shape: tuple[int, ...]) -> Array:
     """Return lists of coordinates as an array of `shape`, in which -1 is any number but 0."""
     try:
@@ -302,7 +243,7 @@ def _metres(value: Any, name: str, shape: tuple[int, ...]) -> Array:
 
 
 def _read_poses(path: Path) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
-    _check_size(path, LIMITS["poses.csv"])
+    audio.check_size(path, LIMITS["poses.csv"])
     try:
         with path.open(newline="") as file:
             rows = list(csv.DictReader(file))
