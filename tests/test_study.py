@@ -150,7 +150,7 @@ def test_keys_that_came_later_leave_older_studies_their_identity():
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_experiment_can_be_built(name):
     [(_, about)] = config.compose("study", [f"experiment={name}"])
-    keys = config.without(about, "choice rir noise diffuse name runs workers resamples command")
+    keys = config.without(about, "choice rir noise diffuse page name runs workers resamples command")
     built = Study(**config.build(keys, "study"))
     assert about["name"] == {"attainable": "attainable_8x6x5"}.get(name, name)
     assert built.trials >= 50
