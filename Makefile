@@ -11,9 +11,11 @@ TRAIN = $(RUN) train -m -j $(JOBS)
 SETS := paper,paper_planar,scattered,offgrid_10x8x6,offgrid_8x6x5,offgrid_13x11x5
 # Classifiers that are cross-validated, too, as in the paper: those that fit in seconds.
 CROSSED := [s*,t*]
+# The rooms that are mapped.
+MAPPED := 8x6x5,13x11x5
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper tiny readme bench test lint clean
+.PHONY: help venv paper tiny readme studies bench test lint clean
 
 help: ## show this page
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-7s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -33,7 +35,7 @@ paper: $(READY) ## the main job in full size: sets, classifiers, surveys, compar
 	  -- plan=paper seed=1,2 'classifier=glob(*)' \
 	  -- plan=scattered seed=0,1,2 'classifier=glob(*)' \
 	  -- plan=paper_planar seed=0,1,2 classifier=svm_pair,svm_toa,threshold_peak split=position,row
-	$(RUN) survey -m -j $(JOBS) runs=$(RUNS) room=8x6x5,13x11x5 snr_db=-10,-5,0,10,40
+	$(RUN) survey -m -j $(JOBS) runs=$(RUNS) room=$(MAPPED) snr_db=-10,-5,0,10,40
 	$(RUN) compare runs=$(RUNS) $(README)
 
 tiny: $(READY) ## the same path on small sets, for a first look
@@ -51,6 +53,13 @@ readme: $(READY) ## run everything from nothing, in runs/fresh, and write the ti
 	  text="<!-- $$target -->$$((spent / 60)) min $$((spent % 60)) s<!-- end -->"; \
 	  sed "s/<!-- $$target -->[^<]*<!-- end -->/$$text/" README.md > README.md.new && mv README.md.new README.md; \
 	done
+
+studies: $(READY) ## how well localizers find echoes, against SNR, T60, noise, faults; writes docs/studies.md
+	$(RUN) study -m runs=$(RUNS) workers=$(JOBS) page=docs/studies.md \
+	  -- experiment=paper_snr,paper_t60,rotor,arms,pings,faults \
+	  -- experiment=attainable room=$(MAPPED) \
+	  -- experiment=attainable room=$(MAPPED) seed=1 'values=[-20]' pings=10 'name=attainable_$${choice.room}_10_pings' \
+	  -- experiment=attainable room=$(MAPPED) seed=2 'values=[-30]' pings=100 'name=attainable_$${choice.room}_100_pings'
 
 bench: $(READY) ## time everything beside its peers, and write the tables of README.md and docs/scaling.md; best on an idle machine
 	@test ! -e $(RUNS)/compare/paper/manifest.json || $(RUN) export best=$(RUNS)/compare/paper runs=$(RUNS)

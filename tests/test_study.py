@@ -92,7 +92,7 @@ def test_another_study_of_that_name_replaces_it_whole(tmp_path):
 
 
 def test_positions_are_where_they_should_be():
-    poses = [SMALL.pose(number) for number in range(30)]
+    poses = replace(SMALL, positions=30, trials=30).poses()
     size = np.array(SMALL.room.size)
     away = np.array([np.minimum(pose.position, size - pose.position)[:2] for pose in poses])
     assert 1.0 <= away.min() < 1.1
@@ -101,6 +101,33 @@ def test_positions_are_where_they_should_be():
     for pose in poses:
         near = np.sort(true_echoes(SMALL.room, pose, SMALL.scene.array).toa)[:2] * 22050
         assert window[0] <= near.min() < near.max() <= window[1]
+
+
+WALK = replace(SMALL, room=Room((8.0, 6.0, 5.0), 0.6), places="walk", positions=60, trials=60)
+
+
+@pytest.mark.parametrize("size", [(8.0, 6.0, 5.0), (13.0, 11.0, 5.0)])
+def test_every_pose_of_a_walk_can_give_a_map_point(size):
+    poses = replace(WALK, room=Room(size, 0.6)).poses()
+    places = np.array([pose.position[:2] for pose in poses])
+    walls = np.hstack([places, np.array(size[:2]) - places])
+    nearest = walls.min(axis=1)
+    assert nearest.min() >= 1.0
+    assert nearest.max() <= 2.0
+    assert (walls < 2.0).any(axis=0).all()  # each of the four is walked along
+    assert len(np.unique(places, axis=0)) == 60
+    assert np.ptp(np.unwrap([pose.heading for pose in poses])) > np.pi
+
+
+def test_another_seed_walks_elsewhere_and_both_come_back():
+    here, there = WALK.poses(), replace(WALK, seed=1).poses()
+    assert not np.isin([pose.heading for pose in here], [pose.heading for pose in there]).any()
+    assert [pose.heading for pose in WALK.poses()] == [pose.heading for pose in here]
+
+
+def test_along_a_walk_quiet_recordings_give_every_attainable_point():
+    walk = replace(WALK, localizers={"joint": Joint()}, positions=12, trials=12)
+    assert study.listen(walk, 20.0)["hit"][:, 0, METRICS.index("on_map")].tolist() == [1.0] * 12
 
 
 @pytest.mark.parametrize(("snr_db", "pings"), [(-20.0, 10), (-30.0, 100)])
@@ -114,17 +141,18 @@ def test_ten_times_the_pings_hear_ten_decibels_deeper(snr_db, pings):
     assert one <= 0.5
 
 
-def test_a_single_ping_leaves_older_studies_their_identity():
-    assert "pings" not in plain(SMALL)
+def test_keys_that_came_later_leave_older_studies_their_identity():
+    assert not {"pings", "places"} & plain(replace(SMALL, places="".join("corners"))).keys()
     assert plain(replace(SMALL, pings=2))["pings"] == 2
+    assert plain(WALK)["places"] == "walk"
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_experiment_can_be_built(name):
     [(_, about)] = config.compose("study", [f"experiment={name}"])
-    keys = config.without(about, "choice rir noise diffuse name runs workers resamples command")
+    keys = config.without(about, "choice rir noise diffuse page name runs workers resamples command")
     built = Study(**config.build(keys, "study"))
-    assert about["name"] == name
+    assert about["name"] == {"attainable": "attainable_8x6x5"}.get(name, name)
     assert built.trials >= 50
     assert len(built.values) >= 4
 
@@ -156,6 +184,9 @@ def test_equal_shares_stand_side_by_side_near_their_value(vary, values):
         ({"pings": 0}, "pings=0"),
         ({"vary": "pings", "values": [1, 2.5]}, "values=2.5"),
         ({"walls": (1.0, 40.0)}, "room"),
+        ({"places": "roof"}, "places=roof: corners or walk"),
+        ({"places": "walk", "room": Room((2.5, 6.0, 6.0), 0.25)}, "trajectory.clearance"),
+        ({"places": "walk", "room": Room((8.0, 6.0, 5.0), 0.6), "positions": 900, "trials": 900}, "positions=900"),
         ({"localizers": {}}, "localizers"),
     ],
 )

@@ -80,11 +80,18 @@ def compare(config: Config) -> None:
 def study(config: Config) -> None:
     """Measure every localizer's accuracy against SNR, reverberation, rotor noise or faults."""
     from echolearn.config import build, without
+    from echolearn.pages import check_page, publish
     from echolearn.study import Study, run
 
-    outside = ("name", "runs", "workers", "resamples", "command")
-    about = build(without(config, "choice rir noise diffuse " + " ".join(outside)), "study")
-    run(Study(**about), **{key: config[key] for key in outside} | {"runs": Path(config["runs"])})
+    page, outside = Path(config["page"] or ""), ("name", "runs", "workers", "resamples", "command")
+    if config["page"]:
+        check_page(page, config["name"])
+    about = build(without(config, "choice rir noise diffuse page " + " ".join(outside)), "study")
+    words = [word for word in shlex.split(config["command"]) if not word.startswith(("page=", "workers="))]
+    given = {key: config[key] for key in outside} | {"runs": Path(config["runs"]), "command": shlex.join(words)}
+    folder = run(Study(**about), **given)
+    if config["page"]:
+        publish(folder, page)
 
 
 def bench(config: Config) -> Path:

@@ -12,12 +12,15 @@ from echolearn.compare import to_csv
 from echolearn.figures import CYCLE, GREY, MARKERS, draw
 from echolearn.types import Array
 
-FORMAT = 2
+FORMAT = 3
 """Version of the files; part of a study's identity."""
 
 COLOURS = CYCLE[:-1]  # grey is chance's
 STROKES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 """Of lines, as many as have no divisor in common with the colours: 28 lines differ."""
+
+READABLE = 6
+"""Columns of a table up to which each share has its interval beside it."""
 
 Row = dict[str, Any]
 
@@ -47,16 +50,28 @@ def make(name: str, vary: str, rows: Sequence[Row]) -> dict[str, bytes]:
 
 
 def table(name: str, vary: str, rows: Sequence[Row]) -> str:
-    """Return the shares in per cent, a line per localizer and a column per value, for each metric."""
+    """Return the shares in per cent, a line per localizer and a column per value, for each metric.
+
+    A few columns have their intervals; of many, the text says how far these reach.
+    """
     values = list(dict.fromkeys(row[vary] for row in rows))
+    few = len(values) <= READABLE
     text = [f"# Study {name}: share of recordings in %, n = {rows[0]['n']} at each value"]
     for metric, title in {**PANELS["toa_doa"], **PANELS["map"]}.items():
         text += ["", f"**{title.split(') ')[-1]}**, by {AXIS[vary]}", ""]
         text += [f"| | {' | '.join(map(str, values))} |", "|---" * (len(values) + 1) + "|"]
         for localizer in dict.fromkeys(row["localizer"] for row in rows):
             found = [row for row in rows if row["localizer"] == localizer and row["metric"] == metric]
-            text.append(f"| {localizer} | {' | '.join(format(100 * row['value'], '.0f') for row in found)} |")
-    return "\n".join(text) + "\n"
+            text.append(f"| {localizer} | {' | '.join(in_words(row, interval=few) for row in found)} |")
+    reach = max(max(row["value"] - row["ci_low"], row["ci_high"] - row["value"]) for row in rows)
+    brackets = "stand in brackets" if few else f"reach at most {100 * reach:.0f} points to either side"
+    return "\n".join([*text, "", f"95 % intervals (bootstrap over positions) {brackets}."]) + "\n"
+
+
+def in_words(row: Row, *, interval: bool) -> str:
+    """Return a share in per cent, with its interval if asked for."""
+    value, low, high = (f"{100 * row[key]:.0f}" for key in ("value", "ci_low", "ci_high"))
+    return f"{value} [{low}, {high}]" if interval else value
 
 
 def draw_panels(vary: str, rows: Sequence[Row], panels: Mapping[str, str]) -> str:

@@ -74,7 +74,7 @@ def plain(value: Any) -> Any:
 
 
 def _is_default(value: Any, default: Any) -> bool:
-    return value is default or (isinstance(default, int) and bool(value == default))
+    return value is default or (isinstance(default, int | str) and bool(value == default))
 
 
 def noise_kind(scene: Mapping[str, Any], *, sensor: bool = True) -> str:

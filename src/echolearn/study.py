@@ -1,8 +1,8 @@
 """How well echoes are found: every localizer's accuracy while one thing of the scene is varied.
 
-At each value all localizers hear the same recordings, from positions with two walls in the search window, in a corner
-of the room and under a random heading. The wall that an estimate is *matched* with is the one whose true TOA is
-nearest to it, or of several within 5 samples the one nearest in direction. Each metric is a share of all recordings:
+At each value all localizers hear the same recordings, in corners of the room or along walks through it (`places`). The
+wall that an estimate is *matched* with is the one whose true TOA is nearest to it, or of several within 5 samples the
+one nearest in direction. Each metric is a share of all recordings:
 
 | metric  | the estimate ...                                                                  |
 |---------|-----------------------------------------------------------------------------------|
@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import curves, stats, store
+from echolearn import curves, places, stats, store
 from echolearn.dataset import plain
 from echolearn.geometry import SearchWindow, check_inside
 from echolearn.localize import Localizer
@@ -58,6 +58,7 @@ class Study:
         trials: recordings at each value, shared out evenly over the positions.
         seed: of positions and noise.
         pings: unless varied; how many recordings are averaged, each at the levels above.
+        places: corners or walk, see `places`; a walk keeps its own distances from the walls.
     """
 
     vary: str
@@ -73,6 +74,7 @@ class Study:
     trials: int = 100
     seed: int = 0
     pings: int = field(default=1, metadata=LATER)
+    places: str = field(default="corners", metadata=LATER)
 
     def __post_init__(self) -> None:
         check(self.vary in VARIED, "vary", self.vary, allowed=", ".join(VARIED))
@@ -88,8 +90,9 @@ class Study:
         check_whole("seed", self.seed, low=0)
         for value in self.values:
             self.condition(value)
-        for position in range(self.positions):
-            check_inside(self.room, self.scene.array, self.pose(position))
+        check(self.places in places.PLACES, "places", self.places, allowed=" or ".join(places.PLACES))
+        for pose in self.poses():
+            check_inside(self.room, self.scene.array, pose)
 
     def condition(self, value: Any) -> Condition:
         """Return what a value stands for.
@@ -114,13 +117,11 @@ class Study:
         check_pings(pings, "values" if self.vary == "pings" else "pings")
         return Condition(room, snr_db, sdnr_db, fault, pings)
 
-    def pose(self, position: int) -> Pose:
-        """Return a pose in a corner, both of its walls at distances from `walls`, at mid-height."""
-        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(0, position)))
-        away = rng.uniform(*self.walls, 2)
-        size, far = np.array(self.room.size), rng.integers(2, size=2).astype(bool)
-        place = np.append(np.where(far, size[:2] - away, away), size[2] / 2)
-        return Pose(place, float(rng.uniform(-np.pi, np.pi)))
+    def poses(self) -> list[Pose]:
+        """Return where the robot stands, one pose per position."""
+        if self.places == "walk":
+            return places.walked(self.room, self.positions, seed=self.seed)
+        return [places.corner(self.room, self.walls, seed=self.seed, position=p) for p in range(self.positions)]
 
 
 def run(
@@ -190,10 +191,10 @@ def listen(study: Study, value: Any) -> Array:
         Records, shape (trials,): `position`, its number; `hit`, shape (localizers + 1, 4), bool: the metrics in the
         order of `METRICS` for each localizer and, last, the share for `chance`.
     """
-    condition = study.condition(value)
+    condition, poses = study.condition(value), study.poses()
     share = np.array_split(np.arange(study.trials), study.positions)
     blocks = [
-        Trials(condition, study.scene, study.pose(place), place, [int(number) for number in numbers], study.seed).judge(
+        Trials(condition, study.scene, poses[place], place, [int(number) for number in numbers], study.seed).judge(
             list(study.localizers.values()), study.window
         )
         for place, numbers in enumerate(share)

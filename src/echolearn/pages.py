@@ -1,0 +1,56 @@
+"""A page of studies: what each found, between markers that bear its name, and what had been expected of all.
+
+Its figures are copied into a folder beside the page, of the page's name.
+"""
+
+import shlex
+from pathlib import Path
+
+from echolearn import expected, store
+from echolearn.markers import Markers, around, write_between
+
+EXPECTED = Markers("<!-- expected: written by `echolearn study` -->", "<!-- end of expected -->", "page")
+
+
+def markers(name: str) -> Markers:
+    """Return the lines between which a page has the study of that name."""
+    return Markers(f"<!-- study {name}: written by `echolearn study` -->", f"<!-- end of study {name} -->", "page")
+
+
+def check_page(page: Path, name: str) -> None:
+    """Raise `BadValue` unless the page has the markers of that study."""
+    around(page, markers(name))
+
+
+def publish(folder: Path, page: Path) -> None:
+    """Put a finished study into a page, its figures beside it, and what was expected if the page has its markers.
+
+    Args:
+        folder: the study's.
+        page: Markdown with the markers of the study's name.
+
+    Raises:
+        BadValue: a damaged study, or a page without the markers.
+    """
+    write_between(page, section(folder, page), markers(folder.name))
+    if EXPECTED.begin in page.read_text():
+        write_between(page, expected.table(folder.parent), EXPECTED)
+
+
+def section(folder: Path, page: Path) -> str:
+    """Return a study's text for a page, and copy its figures; a study of one value has none to show."""
+    manifest = store.verify(folder)
+    title, _, tables = (folder / "study.md").read_text().partition("\n")
+    words = [word for word in shlex.split(manifest.get("command", "")) if not word.startswith("runs=")]
+    command = f" `{shlex.join(words)}`." if words else ""
+    lead = f"{title.partition(': ')[2].capitalize()}, over {manifest['study']['positions']} positions.{command}"
+    several = len(manifest["study"]["values"]) > 1
+    pictures = [copy(path, page, folder.name) for path in sorted((folder / "figures").glob("*.svg")) if several]
+    return "\n\n".join([lead, *pictures, tables.strip()])
+
+
+def copy(picture: Path, page: Path, name: str) -> str:
+    """Copy a figure into the page's folder; return what shows it."""
+    place = page.parent / page.stem / f"{name}_{picture.name}"
+    store.write_atomic(place, picture.read_bytes())
+    return f"![{name}: {picture.stem.replace('_', ' ')}]({page.stem}/{place.name})"

@@ -1,0 +1,51 @@
+"""Where the robot of a study stands: in corners of the room, or along its walks.
+
+| places  | poses                                                                                              |
+|---------|----------------------------------------------------------------------------------------------------|
+| corners | two walls at distances drawn from `walls`, under a random heading                                    |
+| walk    | of several walks through the room (`mapping.trajectory`), those from which a wall is 1 to 2 m away  |
+
+Every pose of `walk` can give a point of the map, so a share of points on walls is there the share of the attainable.
+"""
+
+import numpy as np
+
+from echolearn.coverage import feet
+from echolearn.geometry import outline
+from echolearn.mapping import trajectory
+from echolearn.types import Pose, Room, check
+
+PLACES = ("corners", "walk")
+
+WALKS = 4
+"""Walks that poses are taken from, their starts evenly spaced around the room."""
+
+
+def corner(room: Room, walls: tuple[float, float], *, seed: int, position: int) -> Pose:
+    """Return a pose in a corner, both of its walls at distances from `walls`, in m, at mid-height."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, position)))
+    away = rng.uniform(*walls, 2)
+    size, far = np.array(room.size), rng.integers(2, size=2).astype(bool)
+    place = np.append(np.where(far, size[:2] - away, away), size[2] / 2)
+    return Pose(place, float(rng.uniform(-np.pi, np.pi)))
+
+
+def walked(room: Room, count: int, *, seed: int) -> list[Pose]:
+    """Return poses along walks, evenly chosen of those from which the foot on some wall is 1 to 2 m away.
+
+    Args:
+        room: a shoebox that can hold the walk.
+        count: how many poses.
+        seed: gives the polar angle at which the first walk starts.
+
+    Raises:
+        BadValue: a room too small for the walk, or more poses than the walks have.
+    """
+    first = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,))).uniform(0.0, 2 * np.pi / WALKS)
+    starts = first + 2 * np.pi * np.arange(WALKS) / WALKS
+    poses = [pose for start in starts for pose in trajectory(room, start=float(start))]
+    _, heard = feet(outline(room), np.array([pose.position[:2] for pose in poses]))
+    useful = [poses[number] for number in np.flatnonzero(heard.any(axis=1))]
+    hint = f"{WALKS} walks have so many poses with a wall 1 to 2 m away"
+    check(count <= len(useful), "positions", count, allowed=f"at most {len(useful)} in this room", hint=hint)
+    return [useful[number * len(useful) // count] for number in range(count)]

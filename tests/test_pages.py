@@ -1,0 +1,108 @@
+"""A study in a page: tables, figures beside it, everything else untouched; and the page that the project has."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from echolearn import cli, pages, study
+from echolearn.geometry import circular_array
+from echolearn.localize.gated import Gated
+from echolearn.noise.white import White
+from echolearn.rir.images import Images
+from echolearn.signals import noise_probe
+from echolearn.simulate import Scene
+from echolearn.study import Study
+from echolearn.types import BadValue, Room
+
+PAGE = Path(__file__).parents[1] / "docs" / "studies.md"
+BARE = "# Mine\n\nBefore.\n\n{}\nold\n{}\n\nAfter.\n"
+SMALL = Study(
+    "snr_db",
+    [0.0, 10.0],
+    Room((6.0, 5.0, 6.0), 0.25),
+    Scene(circular_array(), noise_probe(length=8000), Images(), White()),
+    {"gated": Gated(azimuths=36)},
+    positions=2,
+    trials=4,
+)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    runs = tmp_path_factory.mktemp("runs")
+    study.run(SMALL, name="small", runs=runs, resamples=20, command="echolearn study runs=/tmp/x name=small")
+    study.run(replace(SMALL, values=[10.0]), name="single", runs=runs, resamples=20)
+    return runs / "study"
+
+
+def bare(tmp_path, name):
+    begin, end, _ = pages.markers(name)
+    page = tmp_path / "mine.md"
+    page.write_text(BARE.format(begin, end))
+    return page
+
+
+def test_a_page_gets_the_table_and_the_figures_and_keeps_what_was_written(runs, tmp_path):
+    page = bare(tmp_path, "small")
+    pages.publish(runs / "small", page)
+    text = page.read_text()
+    assert text.startswith("# Mine\n\nBefore.\n\n<!-- study small")
+    assert text.endswith("-->\n\nAfter.\n")
+    assert "\nold\n" not in text
+    assert "n = 4 at each value, over 2 positions. `echolearn study name=small`" in text
+    for line in (runs / "small" / "study.md").read_text().splitlines():
+        assert line.startswith("# ") or line in text
+    for figure in ("toa_doa", "map"):
+        copied = tmp_path / "mine" / f"small_{figure}.svg"
+        assert copied.read_bytes() == (runs / "small" / "figures" / f"{figure}.svg").read_bytes()
+        assert f"(mine/{copied.name})" in text
+
+
+def test_a_second_time_changes_nothing(runs, tmp_path):
+    page = bare(tmp_path, "small")
+    pages.publish(runs / "small", page)
+    once = page.read_bytes()
+    pages.publish(runs / "small", page)
+    assert page.read_bytes() == once
+
+
+def test_a_study_of_one_value_has_no_figure_to_show(runs, tmp_path):
+    page = bare(tmp_path, "single")
+    pages.publish(runs / "single", page)
+    assert "| gated | " in page.read_text()
+    assert "![" not in page.read_text()
+    assert not (tmp_path / "mine").exists()
+
+
+def test_a_page_that_asks_for_it_learns_what_was_expected(runs, tmp_path):
+    page = bare(tmp_path, "small")
+    page.write_text(page.read_text() + f"\n{pages.EXPECTED.begin}\n{pages.EXPECTED.end}\n")
+    pages.publish(runs / "small", page)
+    assert "| S-NLS, TOA, SNR -10 dB | " in page.read_text()
+
+
+def test_a_damaged_study_is_not_published(runs, tmp_path):
+    page, table = bare(tmp_path, "small"), runs / "small" / "study.md"
+    before, whole = page.read_bytes(), table.read_bytes()
+    table.write_bytes(whole.replace(b"chance", b"chanse"))
+    with pytest.raises(BadValue, match=r"study\.md"):
+        pages.publish(runs / "small", page)
+    table.write_bytes(whole)
+    assert page.read_bytes() == before
+
+
+def test_a_page_without_its_markers_stops_a_study_before_it_begins(tmp_path, capsys):
+    page = bare(tmp_path, "another")
+    words = ["study", "experiment=faults", f"page={page}", f"runs={tmp_path / 'runs'}"]
+    assert cli.main(words) == 1
+    assert "<!-- study faults: written by `echolearn study` -->" in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_the_projects_figures_are_there_small_and_all_used():
+    shown = re.findall(r"!\[.+?\]\((.+?)\)", PAGE.read_text())
+    there = sorted(path.relative_to(PAGE.parent).as_posix() for path in (PAGE.parent / "studies").iterdir())
+    assert sorted(shown) == there
+    assert max((PAGE.parent / name).stat().st_size for name in shown) < 200_000
