@@ -24,8 +24,8 @@ ROBOT = {
     *"types store geometry matching signals coverage audio recording localize features metrics mapping guard".split(),
     *"schema bundle deploy onboard timing provenance progress direct lines mapfiles cartography".split(),
 }
-"""Parts that run on a robot: numpy and scipy, YAML where surveys are read, onnxruntime where bundles are loaded; rich for
-bars, soundfile for FLAC and rosbags for bags where they are installed."""
+"""Parts that run on a robot: numpy and scipy, YAML where surveys are read, onnxruntime where bundles are loaded; rich
+for bars, soundfile for FLAC and rosbags for bags where they are installed."""
 
 OWNERS = {
     "hydra": {"config", "launch"},
