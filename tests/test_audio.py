@@ -19,7 +19,7 @@ SAMPLES = 0.1 * np.random.default_rng(0).standard_normal(SHAPE)
 
 
 @pytest.fixture
-def packed(tmp_path: Path) -> Path:
+def flac(tmp_path: Path) -> Path:
     """Return a FLAC file of 16 bits, written by another library."""
     soundfile.write(tmp_path / "a.flac", SAMPLES.T, 22050, subtype="PCM_16")
     return tmp_path / "a.flac"
@@ -71,9 +71,9 @@ def test_flac_is_the_same_as_wav(tmp_path: Path, width: int) -> None:
     whole = np.rint(SAMPLES.T * 2 ** (width - 1)).astype(np.int32) << (32 - width)  # of as many bits as the file has
     for name in ("a.wav", "a.FLAC"):
         soundfile.write(tmp_path / name, whole, 22050, subtype=f"PCM_{width}")
-    wav, flac = (audio.read(tmp_path / name, 22050.0, shape=SHAPE) for name in ("a.wav", "a.FLAC"))
-    assert flac.dtype == np.float64 and flac.flags.c_contiguous
-    assert np.array_equal(wav, flac) and np.abs(flac - SAMPLES).max() <= 2.0 ** (1 - width)
+    wav, held = (audio.read(tmp_path / name, 22050.0, shape=SHAPE) for name in ("a.wav", "a.FLAC"))
+    assert held.dtype == np.float64 and held.flags.c_contiguous
+    assert np.array_equal(wav, held) and np.abs(held - SAMPLES).max() <= 2.0 ** (1 - width)
 
 
 def test_flac_of_one_microphone_has_two_axes(tmp_path: Path) -> None:
@@ -83,35 +83,35 @@ def test_flac_of_one_microphone_has_two_axes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("broken", [None, OSError("sndfile library not found")])
 def test_without_soundfile_one_line_tells_what_to_install(
-    packed: Path, monkeypatch: pytest.MonkeyPatch, broken: OSError | None
+    flac: Path, monkeypatch: pytest.MonkeyPatch, broken: OSError | None
 ) -> None:
     """It may also be there without its library, which it says by another kind of error."""
     if broken is None:
         monkeypatch.setitem(sys.modules, "soundfile", None)
     else:
-        (packed.parent / "soundfile.py").write_text(f"raise OSError({str(broken)!r})")
-        monkeypatch.syspath_prepend(packed.parent)
+        (flac.parent / "soundfile.py").write_text(f"raise OSError({str(broken)!r})")
+        monkeypatch.syspath_prepend(flac.parent)
         monkeypatch.delitem(sys.modules, "soundfile")
-    assert refusal(packed) == ": FLAC needs soundfile; pip install soundfile, or: flac -d a.flac"
+    assert refusal(flac) == ": FLAC needs soundfile; pip install soundfile, or: flac -d a.flac"
 
 
-def test_every_damage_is_an_error_or_harmless(packed: Path) -> None:
+def test_every_damage_is_an_error_or_harmless(flac: Path) -> None:
     """FLAC has checksums: whatever bit is flipped, the samples are never others. Wherever it ends, it is refused."""
-    data, whole = packed.read_bytes(), audio.read(packed, 22050.0, shape=SHAPE)
+    data, whole = flac.read_bytes(), audio.read(flac, 22050.0, shape=SHAPE)
     said = 0
     for place in range(0, 8 * len(data), 41):
         torn = bytearray(data)
         torn[place // 8] ^= 1 << place % 8
-        packed.write_bytes(bytes(torn))
+        flac.write_bytes(bytes(torn))
         try:
-            assert np.array_equal(audio.read(packed, 22050.0, shape=SHAPE), whole)
+            assert np.array_equal(audio.read(flac, 22050.0, shape=SHAPE), whole)
         except BadValue as refused:
             assert str(refused).isprintable()
             said += 1
     assert said > 0.9 * len(range(0, 8 * len(data), 41))
     for end in range(0, len(data) - 1, 211):
-        packed.write_bytes(data[:end])
-        refusal(packed)
+        flac.write_bytes(data[:end])
+        refusal(flac)
 
 
 @pytest.mark.parametrize(
@@ -139,13 +139,13 @@ def test_what_is_declared_is_compared_before_anything_is_unpacked(tmp_path: Path
     tracemalloc.stop()
 
 
-def test_flac_of_unknown_length_is_refused(packed: Path) -> None:
+def test_flac_of_unknown_length_is_refused(flac: Path) -> None:
     """As an encoder leaves it that could not go back to its header."""
-    data = bytearray(packed.read_bytes())
+    data = bytearray(flac.read_bytes())
     data[21] &= 0xF0
     data[22:26] = bytes(4)
-    packed.write_bytes(bytes(data))
-    assert "3 channels of 400 samples" in refusal(packed)
+    flac.write_bytes(bytes(data))
+    assert "3 channels of 400 samples" in refusal(flac)
 
 
 @pytest.mark.parametrize("kind", ["OGG", "WAV", "AIFF"])

@@ -14,15 +14,15 @@ SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
     types literal timing processes progress config store engine markers geometry matching signals coverage stats
-    audio direct recording provenance noise localize rir features metrics mapping guard schema bundle deploy onboard
-    lines mapfiles cartography simulate plans dataset survey judge hearing classify task training trained tables
-    figures report compare trials curves places study expected pages export bench launch commands cli
+    audio description direct recording provenance noise localize rir features metrics mapping guard schema bundle
+    deploy onboard lines mapfiles cartography simulate plans dataset survey judge hearing classify task training
+    trained tables figures report compare trials curves places study expected pages export bench launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 
 ROBOT = {
-    *"types store geometry matching signals coverage audio recording localize features metrics mapping guard".split(),
-    *"schema bundle deploy onboard timing provenance progress direct lines mapfiles cartography".split(),
+    *"types store geometry matching signals coverage audio description recording localize features metrics".split(),
+    *"mapping guard schema bundle deploy onboard timing provenance progress direct lines mapfiles cartography".split(),
 }
 """Parts that run on a robot: numpy and scipy, YAML where surveys are read, onnxruntime where bundles are loaded; rich
 for bars, soundfile for FLAC and rosbags for bags where they are installed."""
@@ -30,7 +30,7 @@ for bars, soundfile for FLAC and rosbags for bags where they are installed."""
 OWNERS = {
     "hydra": {"config", "launch"},
     "omegaconf": {"config", "launch"},
-    "yaml": {"config", "cli", "recording"},
+    "yaml": {"config", "cli", "description", "recording"},
     "torch": {"classify"},
     "lightning": {"classify"},
     "sklearn": {"classify"},
@@ -137,7 +137,7 @@ def loaded(code: str) -> set[str]:
 
 
 def test_the_robots_parts_load_no_heavy_library() -> None:
-    light = ROBOT - {"deploy", "onboard", "recording", "provenance", "cartography"}
+    light = ROBOT - {"deploy", "onboard", "description", "recording", "provenance", "cartography"}
     names = [".".join(p.relative_to(SOURCE.parent).with_suffix("").parts) for p in FILES if part(p) in light]
     assert loaded("import " + ", ".join(name.removesuffix(".__init__") for name in names)) == set()
 

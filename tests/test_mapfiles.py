@@ -3,6 +3,7 @@
 import csv
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO, StringIO
 from pathlib import Path
 
@@ -36,6 +37,14 @@ def test_the_table_holds_every_echo_to_the_last_digit(chart: Chart) -> None:
     assert [float(row["power"]) for row in rows] == (chart.echoes.toa.ravel() + 4).tolist()
     assert [row["kept"] for row in rows] == ["1", "1", "1", "1", "0", "1"]
     assert files["walls.csv"].decode().startswith("x0_m,y0_m,x1_m,y1_m,normal_rad,offset_m,")
+
+
+def test_the_table_calls_poses_what_the_survey_does(chart: Chart) -> None:
+    named = replace(chart, numbers=(40, 2**60 + 1, 7))
+    rows = list(csv.DictReader(StringIO(table.write(named)["map.csv"].decode())))
+    assert [int(row["index"]) for row in rows] == [40, 40, 2**60 + 1, 2**60 + 1, 7, 7]
+    for writer in (ply, grid, svg):
+        assert writer.write(named) == writer.write(chart)
 
 
 def test_the_grid_is_where_it_says_in_an_independent_reader(chart: Chart) -> None:

@@ -66,6 +66,7 @@ def test_what_is_written_is_read_back(folder: Path) -> None:
     assert np.array_equal(survey.array.positions, ARRAY.positions)
     assert survey.speed_of_sound == 340.0
     assert survey.files == FILES
+    assert survey.numbers == (0, 1)
     assert [(*pose.position, pose.heading) for pose in survey.poses] == [(*p.position, p.heading) for p in POSES]
     assert np.array_equal(survey.walls, outline(ROOM))
     assert survey.conditions == {"snr_db": 3.0, "noise": "white"}
@@ -73,6 +74,15 @@ def test_what_is_written_is_read_back(folder: Path) -> None:
     assert observation.samples.dtype == np.float64
     assert np.array_equal(observation.samples, SAMPLES[[1, 0]])
     assert observation.speed_of_sound == 340.0
+
+
+def test_poses_are_called_what_the_table_calls_them(folder: Path) -> None:
+    """As nanoseconds since 1970, not in order."""
+    text = HEAD + f"{2**60},1,2,1.5,0,{FILES[1]}\n7,1,2,1.5,0,{FILES[0]}\n"
+    (folder / "poses.csv").write_text(text)
+    survey = recording.read(folder)
+    assert survey.numbers == (2**60, 7)
+    assert np.array_equal(survey.observe([1]).samples[0], SAMPLES[0])
 
 
 def test_recordings_may_be_flac(folder: Path) -> None:
@@ -205,6 +215,28 @@ def test_bad_keys_are_refused(folder: Path, change: dict[str, Any], message: str
     assert refusal(folder).startswith(f"{folder}/survey.yaml {message}")
 
 
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("micorphones", "key=micorphones: sample_rate, speed_of_sound, microphones, loudspeaker, direct_path, walls, "
+         "conditions; did you mean microphones?"),
+        ("Walls", "key=Walls: sample_rate, speed_of_sound, microphones, loudspeaker, direct_path, walls, "
+         "conditions; did you mean walls?"),
+        ("robot", "key=robot: sample_rate, speed_of_sound, microphones, loudspeaker, direct_path, walls, "
+         "conditions; what else is known of a recording goes into conditions"),
+        (5, "key=5: sample_rate"),
+        (None, "key=None: sample_rate"),
+        ("", "key=: sample_rate"),
+        ("a\nb", "key='a\\nb': sample_rate"),
+        ("x" * 9999, f"key={'x' * 100}: sample_rate"),
+    ],
+)  # fmt: skip
+def test_keys_that_mean_nothing_are_refused(folder: Path, key: Any, message: str) -> None:
+    path = folder / "survey.yaml"
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | {key: [[0.0, 0.0]]}, width=99999))
+    assert refusal(folder).startswith(f"{folder}/survey.yaml {message}")
+
+
 @pytest.mark.parametrize("key", ["sample_rate", "speed_of_sound", "microphones", "loudspeaker", "direct_path"])
 def test_a_missing_key_is_named(folder: Path, key: str) -> None:
     content = yaml.safe_load((folder / "survey.yaml").read_text())
@@ -237,6 +269,14 @@ HEAD = "index,x_m,y_m,z_m,heading_rad,file\n"
         (HEAD + "0,1,1,1,0\n", "a row without file"),
         (HEAD + "0,nan,1,1,0,observations/0.wav\n", "NaN or infinity"),
         (HEAD + "0,1,1,1,inf,observations/0.wav\n", "NaN or infinity"),
+        (HEAD.replace("index,", "") + "1,1,1,0,observations/0.wav\n", "KeyError('index')"),
+        (HEAD + ",1,1,1,0,a\n", "index='': whole numbers of at most 19 digits; they name the poses in map.csv"),
+        (HEAD + "1.0,1,1,1,0,a\n", "index='1.0': whole"),
+        (HEAD + "-1,1,1,1,0,a\n", "index='-1': whole"),
+        (HEAD + "1_0,1,1,1,0,a\n", "index='1_0': whole"),
+        (HEAD + "\u0663,1,1,1,0,a\n", "index='\\u0663': whole"),
+        (HEAD + "9" * 20 + ",1,1,1,0,a\n", "index='99999999999999999999': whole"),
+        (HEAD + "3,1,1,1,0,a\n4,1,1,1,0,b\n03,1,1,1,0,c\n", "index=3, 2 times: each number once"),
         ("\x00\x01" + HEAD, "/poses.csv"),
     ],
 )

@@ -85,7 +85,7 @@ def draw(
 
 def _chart(name: str, walk: recording.Survey, heard: Heard, *, resolution: float) -> Chart:
     path, headings = (np.array([getattr(pose, field) for pose in walk.poses]) for field in ("position", "heading"))
-    return Chart(name, heard.echoes, heard.map, path, walk.walls, resolution, headings)
+    return Chart(name, heard.echoes, heard.map, path, walk.walls, resolution, headings, walk.numbers)
 
 
 def check_fit(scorer: Scorer, walk: recording.Survey) -> None:

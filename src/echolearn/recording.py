@@ -5,7 +5,7 @@
                          optional walls: outline (C x 2, m) for scoring,
                          optional conditions: whatever is known of how it was recorded (snr_db, noise, ...)
     probe.wav            the burst, one channel, followed by silence up to the length of a recording
-    poses.csv            index,x_m,y_m,z_m,heading_rad,file
+    poses.csv            index,x_m,y_m,z_m,heading_rad,file; the index whole and each once
     observations/*       M channels each, WAV (float32 or PCM) or FLAC
     noise.wav            optional: M channels of noise alone, of any length, the loudspeaker silent
 
@@ -24,23 +24,18 @@ from typing import Any
 import numpy as np
 import yaml
 
-from echolearn import audio, direct, signals
-from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Probe, check, check_number
+from echolearn import audio, description, direct, signals
+from echolearn.types import Array, MicArray, Observation, Pose, Probe, check
 
 NOISE = "noise.wav"
 
-LIMITS = {"survey.yaml": 1 << 17, "poses.csv": 4 << 20, ".wav": audio.LARGEST, ".flac": audio.LARGEST}
+LIMITS = description.LIMITS | {".wav": audio.LARGEST, ".flac": audio.LARGEST}
 """Bytes that a file of a survey may have."""
 
 LONGEST = 1 << 20
 """Samples that a recording of one channel may have."""
 
-DEPTH = 20
-"""Brackets within brackets that `survey.yaml` may have; coordinates need two."""
-
 INSIDE = "a path inside the survey's folder"
-
-HEADER = ("index", "x_m", "y_m", "z_m", "heading_rad", "file")
 
 
 @dataclass(frozen=True)
@@ -54,6 +49,7 @@ class Survey:
         speed_of_sound: in m/s.
         poses: P poses.
         files: recording of each pose, relative to `folder`.
+        numbers: `index` of each pose in `poses.csv`.
         walls: outline of the room, shape (C, 2), in m, or None.
         conditions: what is known of the recording.
         direct: whether the recordings hold the direct path, which reading removes.
@@ -66,6 +62,7 @@ class Survey:
     speed_of_sound: float
     poses: tuple[Pose, ...]
     files: tuple[str, ...]
+    numbers: tuple[int, ...]
     walls: Array | None
     conditions: Mapping[str, Any]
     direct: bool = False
@@ -144,7 +141,7 @@ def poses_csv(poses: Sequence[Pose], files: Sequence[str]) -> bytes:
     """Return the text of `poses.csv`."""
     text = StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(HEADER)
+    rows.writerow(description.HEADER)
     for index, (pose, file) in enumerate(zip(poses, files, strict=True)):
         rows.writerow([index, *map(float, pose.position), float(pose.heading), file])
     return text.getvalue().encode()
@@ -175,12 +172,12 @@ def read(folder: Path) -> Survey:
     folder = Path(folder)
     for name in ("survey.yaml", "probe.wav", "poses.csv"):
         check(inside(folder, name), f"{folder}/{name}", "a link", allowed=INSIDE)
-    about = _read_yaml(folder / "survey.yaml")
+    about = description.read_yaml(folder / "survey.yaml")
     padded = audio.read_wav(folder / "probe.wav", about["sample_rate"])[0]
     burst = padded[: np.flatnonzero(padded)[-1] + 1] if padded.any() else padded[:0]
     check(len(burst) > 0, f"{folder}/probe.wav", "silence", allowed="the burst that was emitted")
     check(len(padded) <= LONGEST, f"{folder}/probe.wav", f"{len(padded)} samples", allowed=f"at most {LONGEST}")
-    poses, files = _read_poses(folder / "poses.csv")
+    numbers, poses, files = description.read_poses(folder / "poses.csv")
     return Survey(
         folder=folder,
         probe=Probe(burst, about["sample_rate"], len(padded)),
@@ -188,75 +185,8 @@ def read(folder: Path) -> Survey:
         speed_of_sound=about["speed_of_sound"],
         poses=poses,
         files=files,
+        numbers=numbers,
         walls=about.get("walls"),
         conditions=about.get("conditions") or {},
         direct=about["direct_path"] == "present",
     )
-
-
-def _read_yaml(path: Path) -> dict[str, Any]:
-    audio.check_size(path, LIMITS["survey.yaml"])
-    try:
-        text = path.read_text()
-        _check_plain(text)
-        content = yaml.safe_load(text)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise BadValue(f"{path}: cannot be read ({' '.join(str(error).split())})") from None
-    required = ("sample_rate", "speed_of_sound", "microphones", "loudspeaker", "direct_path")
-    missing = [key for key in required if not isinstance(content, dict) or key not in content]
-    check(not missing, str(path), f"without {', '.join(missing)}", allowed=f"a mapping with {', '.join(required)}")
-    present, conditions = content["direct_path"], content.get("conditions") or {}
-    check(present in ("removed", "present"), f"{path} direct_path", present, allowed="removed or present")
-    check(isinstance(conditions, dict), f"{path} conditions", conditions, allowed="a mapping")
-    check_number(f"{path} sample_rate", content["sample_rate"], low=1000.0, high=400_000.0, unit="Hz")
-    check_number(
-        f"{path} speed_of_sound", content["speed_of_sound"], low=100.0, high=2000.0, unit="m/s", hint="air is 343 m/s"
-    )
-    shapes = {"microphones": (-1, 3), "loudspeaker": (3,)} | ({"walls": (-1, 2)} if content.get("walls") else {})
-    return {**content, **{key: _metres(content[key], f"{path} {key}", shape) for key, shape in shapes.items()}}
-
-
-def _check_plain(text: str) -> None:
-    """Raise `ValueError` for YAML of little text that takes endless time or memory: deep nesting, and aliases."""
-    depth = deepest = 0
-    for character in text:
-        depth += (character in "[{") - (character in "]}")
-        deepest = max(deepest, depth)
-    if deepest > DEPTH:
-        raise ValueError(f"it is nested more than {DEPTH} deep")
-    if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
-        raise ValueError("it holds an alias, *name, by which little text can become endless lists")
-
-
-def _metres(value: Any, name: str, shape: tuple[int, ...]) -> Array:
-    """Return lists of coordinates as an array of `shape`, in which -1 is any number but 0."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    fits = array.ndim == len(shape) and all(
-        n == wanted or n > 0 > wanted for n, wanted in zip(array.shape, shape, strict=True)
-    )
-    axes = " x ".join("many" if wanted == -1 else str(wanted) for wanted in shape)
-    check(fits and bool(np.isfinite(array).all()), name, value, allowed=f"{axes} finite numbers in m")
-    return array
-
-
-def _read_poses(path: Path) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
-    audio.check_size(path, LIMITS["poses.csv"])
-    try:
-        with path.open(newline="") as file:
-            rows = list(csv.DictReader(file))
-        poses = tuple(
-            Pose(np.array([float(r["x_m"]), float(r["y_m"]), float(r["z_m"])]), float(r["heading_rad"])) for r in rows
-        )
-        files = tuple(str(row["file"] or "") for row in rows)
-    except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
-        raise BadValue(f"{path}: cannot be read ({error!r:.200}); its columns are {','.join(HEADER)}") from None
-    check(len(poses) > 0, str(path), "no rows", allowed="at least one pose")
-    finite = all(np.isfinite([*pose.position, pose.heading]).all() for pose in poses)
-    check(finite, str(path), "NaN or infinity", allowed="finite positions and headings")
-    check(all(files), str(path), "a row without file", allowed=f"the columns {','.join(HEADER)} in every row")
-    odd = next((ascii(file)[:100] for file in files if not file.isprintable()), None)
-    check(odd is None, f"{path} file", odd, allowed="names that can be printed")
-    return poses, files

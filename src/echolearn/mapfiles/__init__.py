@@ -28,6 +28,7 @@ class Chart:
         outline: corners of the room, shape (C, 2), in m, or None.
         resolution: of the grid, in m.
         headings: of the P poses, shape (P,), in rad, or None where they are not known.
+        numbers: what the poses are called, P unique whole numbers; 0, 1, ... if there are none.
     """
 
     name: str
@@ -37,10 +38,11 @@ class Chart:
     outline: Array | None = None
     resolution: float = 0.05
     headings: Array | None = None
+    numbers: tuple[int, ...] = ()
 
     @property
     def index(self) -> Array:
-        """Number of the pose of each point, shape (P * R,)."""
+        """Row in `path` of the pose of each point, shape (P * R,)."""
         return np.repeat(np.arange(len(self.path)), self.echoes.toa.shape[1])
 
     @cached_property

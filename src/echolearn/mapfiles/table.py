@@ -15,7 +15,8 @@ def write(chart: Chart) -> Files:
     fields = (echoes.toa, echoes.azimuth, echoes.elevation, echoes.power, echoes.score)
     flat = [field.reshape(-1).tolist() for field in fields]
     places, beliefs = found.points.T.tolist(), (found.confidence.tolist(), found.kept.astype(int).tolist())
-    rows = zip(chart.index.tolist(), *places, *flat, *beliefs, strict=True)
+    numbers = chart.numbers or range(len(chart.path))
+    rows = zip((numbers[row] for row in chart.index), *places, *flat, *beliefs, strict=True)
     walls = (
         [*line.start.tolist(), *line.end.tolist(), line.normal, line.offset]
         + [line.normal_sd, line.offset_sd, line.rms, line.points]
