@@ -107,6 +107,38 @@ def test_a_direct_path_that_is_present_is_removed(world: World, packed: Path, wa
     assert np.abs(believed[0] - believed[1])[same].mean() < 0.03
 
 
+def test_the_way_to_remove_the_direct_path_is_chosen(world: World, packed: Path, walk: Path, tmp_path: Path) -> None:
+    """A loudspeaker of gain 0.5 that geometry's arrival fits: fitted and recorded agree, the free field is too loud."""
+    survey = recording.read(walk)
+    scene = Scene(survey.array, survey.probe, Images(), None)  # type: ignore[arg-type]
+    with pytest.raises(BadValue, match="direct=fitted: null; .* has direct_path: removed"):
+        draw(survey=walk, bundle=packed, runs=tmp_path, direct="fitted")
+    for name in survey.files:
+        samples = 0.5 * (audio.read_wav(walk / name, 22050.0) + scene.direct)
+        (walk / name).write_bytes(audio.wav_bytes(samples, 22050.0))
+    edit(walk, direct_path="present")
+    for way, message in (("calibration", "fitted or analytic; .* has no calibration.wav"), ("by hand", "calibration,")):
+        with pytest.raises(BadValue, match=f"direct={way}: {message}"):
+            draw(survey=walk, bundle=packed, runs=tmp_path, direct=way)
+    made = {"removed": draw(survey=world.runs / "survey" / "hall_0dB", bundle=packed, runs=tmp_path / "2")}
+    made["fitted"] = draw(survey=walk, bundle=packed, runs=tmp_path / "0")
+    (walk / "calibration.wav").write_bytes(audio.wav_bytes(scene.direct, 22050.0))
+    for way in ("calibration", "analytic", "fitted"):
+        name = made.get(way, tmp_path).name
+        made[f"{way} again"] = draw(survey=walk, bundle=packed, runs=tmp_path / way, direct=way, name=name)
+    made["first"] = draw(survey=walk, bundle=packed, runs=tmp_path / "1")
+    found = {way: [(row["x_m"], row["y_m"]) for row in rows(folder)] for way, folder in made.items()}
+    assert found["first"] == found["calibration again"]
+    assert found["fitted"] == found["fitted again"]
+    places = {way: np.array(points, dtype=float) for way, points in found.items()}
+
+    def true(way: str) -> float:
+        return float(np.mean(distance_to_outline(places[way], np.array(survey.walls)) <= metrics.TOLERANCE))
+
+    assert min(true("first"), true("fitted")) > true("removed") - 0.05
+    assert true("analytic again") < true("first") / 2
+
+
 def test_another_simulator_at_another_rate_with_a_turned_array_is_mapped(packed: Path, tmp_path: Path) -> None:
     """Recorded by pyroomacoustics at 44.1 kHz, int16, direct path present, the array mounted at 30 degrees; 20 dB."""
     tower = Room((6.0, 5.0, 7.0), 0.25)  # its floor and ceiling are out of reach

@@ -15,10 +15,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import wavfile
 
-from echolearn import audio, recording
+from echolearn import audio, direct, recording
 from echolearn.geometry import circular_array, outline
 from echolearn.signals import noise_probe
-from echolearn.types import BadValue, Pose, Room
+from echolearn.types import Array, BadValue, Pose, Room
 
 PROBE = noise_probe(burst=100, length=400)
 ARRAY = circular_array(microphones=3)
@@ -184,6 +184,60 @@ def test_noise_that_does_not_fit_is_refused(folder: Path, samples: np.ndarray, r
     with pytest.raises(BadValue) as refused:
         recording.read(folder).noise()
     assert str(refused.value).endswith(message)
+
+
+# ---------------------------------------------------------------- the direct path
+
+
+def coloured() -> Array:
+    """Return the direct path of a loudspeaker that rings, shape (3, 400)."""
+    arrived = direct.delayed(PROBE, ARRAY, speed_of_sound=340.0)
+    rung = np.apply_along_axis(np.convolve, 1, arrived, 0.8 ** np.arange(30))[:, :200]
+    return np.pad(rung, ((0, 0), (0, 200)))
+
+
+@pytest.mark.parametrize("length", [200, 400, 900])
+def test_a_direct_path_that_was_recorded_is_removed_whatever_the_loudspeaker(folder: Path, length: int) -> None:
+    """Recorded louder and through other gains than on the walk, and cut or padded; geometry alone would leave half."""
+    gains, path = np.array([[3.0], [0.5], [-2.0]]), coloured()
+    for name, samples in zip(FILES, SAMPLES, strict=True):
+        (folder / name).write_bytes(audio.wav_bytes(gains * path + 1e-3 * samples, 22050.0))
+    edit(folder, direct_path="present")
+    fitted = recording.read(folder).observe([0, 1]).samples
+    alone = np.pad(0.25 * path, ((0, 0), (0, 500)))[:, :length]
+    (folder / "calibration.wav").write_bytes(audio.wav_bytes(alone, 22050.0))
+    left = recording.read(folder).observe([0, 1]).samples
+    assert np.mean((left - 1e-3 * SAMPLES) ** 2) < 0.01 * np.mean((1e-3 * SAMPLES) ** 2)
+    assert np.mean(fitted**2) > 1e4 * np.mean(left**2)
+
+
+@pytest.mark.parametrize(
+    ("samples", "rate", "message"),
+    [
+        (np.ones((2, 400)), 22050.0, "calibration.wav=(2, 400): 3 channels"),
+        (np.ones((3, 400)), 44100.0, "calibration.wav sample_rate=44100 Hz: 22050 Hz; resample the recording"),
+        (np.full((3, 400), np.inf), 22050.0, "calibration.wav=NaN or infinity: finite samples"),
+        (np.ones((3, 400)) * [[1], [0], [0]], 22050.0,
+         "calibration.wav channels=[2, 3]: the direct path in each; a deaf microphone?"),
+    ],
+)  # fmt: skip
+def test_a_calibration_that_does_not_fit_is_refused(
+    folder: Path, samples: np.ndarray, rate: float, message: str
+) -> None:
+    edit(folder, direct_path="present")
+    (folder / "calibration.wav").write_bytes(audio.wav_bytes(samples, rate))
+    assert refusal(folder).endswith(message)
+
+
+def test_a_calibration_where_there_is_no_direct_path_is_refused(folder: Path) -> None:
+    (folder / "calibration.wav").write_bytes(audio.wav_bytes(coloured(), 22050.0))
+    assert refusal(folder).endswith("calibration.wav direct_path=removed: present; there is none to remove")
+
+
+@pytest.mark.parametrize("name", ["noise.wav", "calibration.wav"])
+def test_what_may_be_beside_the_recordings_is_no_link(folder: Path, name: str) -> None:
+    (folder / name).symlink_to("/dev/zero")
+    assert refusal(folder).endswith(f"{name}=a link: a path inside the survey's folder")
 
 
 # ---------------------------------------------------------------- survey.yaml

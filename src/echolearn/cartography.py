@@ -15,6 +15,7 @@ import numpy as np
 
 from echolearn import deploy, metrics, provenance, recording, store
 from echolearn.deploy import Heard, Scorer
+from echolearn.direct import WAYS
 from echolearn.mapfiles import Chart, grid, mcap, ply, svg, table
 from echolearn.progress import track
 from echolearn.types import BadValue, Echoes, EchoMap, Observation, check, check_name, check_number
@@ -37,6 +38,7 @@ def draw(
     name: str | None = None,
     resolution: float = 0.05,
     resample: bool = False,
+    direct: str | None = None,
     ros: bool = False,
     command: str | None = None,
 ) -> Path:
@@ -49,6 +51,8 @@ def draw(
         name: of the map's folder; `<survey>-<bundle>` unless given.
         resolution: side of a cell of the occupancy grid, in m.
         resample: bring recordings of another sample rate to the bundle's.
+        direct: how to remove a direct path that is present, one of `direct.WAYS`; None takes the first that can be:
+            `calibration` where it was recorded, else `fitted`.
         ros: also write a bag for ROS 2.
         command: what makes the map again; None says nothing about it.
 
@@ -66,11 +70,14 @@ def draw(
     folder = Path(runs) / "maps" / name
     scorer, (walk, _) = deploy.load(bundle), provenance.read(Path(survey))
     walk = replace(walk, rate=scorer.bundle.probe.sample_rate if resample else None)
+    if direct is not None:
+        walk = replace(walk, direct=_way(walk, direct))
     check_fit(scorer, walk)
     inputs = {
         "bundle": scorer.bundle.about["sha256"],
         "survey": fingerprint(walk),
         "resolution": float(resolution),
+        **({} if direct is None else {"direct": direct}),
         **({"ros": True} if ros else {}),  # a map without a bag is what it was before there were bags
     }
     found = _finished(folder, inputs)
@@ -86,6 +93,15 @@ def draw(
 def _chart(name: str, walk: recording.Survey, heard: Heard, *, resolution: float) -> Chart:
     path, headings = (np.array([getattr(pose, field) for pose in walk.poses]) for field in ("position", "heading"))
     return Chart(name, heard.echoes, heard.map, path, walk.walls, resolution, headings, walk.numbers)
+
+
+def _way(walk: recording.Survey, way: str) -> str:
+    """Return how to remove the direct path of a survey, if it can be removed so."""
+    check(way in WAYS, "direct", way, allowed=", ".join(WAYS))
+    check(walk.direct is not None, "direct", way, allowed="null", hint=f"{walk.folder} has direct_path: removed")
+    known = way != "calibration" or (walk.folder / recording.CALIBRATION).exists()
+    check(known, "direct", way, allowed="fitted or analytic", hint=f"{walk.folder} has no {recording.CALIBRATION}")
+    return way
 
 
 def check_fit(scorer: Scorer, walk: recording.Survey) -> None:

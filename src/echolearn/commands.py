@@ -132,7 +132,7 @@ def draw(config: Config) -> Path:
     for key, hint in (("survey", "a folder in the recorded-survey format"), ("bundle", "a folder of echolearn export")):
         check(bool(config[key]), key, config[key], allowed=hint, hint=f"name it: echolearn map {key}=<folder>")
     survey, bundle, runs = (Path(config[key]) for key in ("survey", "bundle", "runs"))
-    rest = {key: config[key] for key in ("name", "resolution", "resample", "ros", "command")}
+    rest = {key: config[key] for key in ("name", "resolution", "resample", "direct", "ros", "command")}
     return chart(survey=survey, bundle=bundle, runs=runs, **rest)
 
 

@@ -1,17 +1,21 @@
 """The direct path from the loudspeaker to the microphones, and recordings without it.
 
-    direct_m(n) = g_m s(n - |p_m| fs / c),      g_m = <y_m, s_m> / ||s_m||^2,   s_m the delayed burst
+    direct_m(n) = g_m a_m(n)
 
-The delay is known from the array's geometry and is applied in the frequency domain, so fractions of a sample count.
-The gain is fitted to each recording and microphone by least squares: it holds whatever amplifiers and microphones did,
-and since a burst of noise is nearly orthogonal to its own later copies, echoes hardly disturb it. `analytic` takes
-g_m = 1 / (4 pi |p_m|) instead, the free field of a loudspeaker of gain 1, as simulations have it.
+The arrival a_m is the burst delayed by geometry, s(n - |p_m| fs / c), in the frequency domain, so fractions of a sample
+count; or what was recorded in a free room, which holds whatever loudspeaker and microphones do to the burst. The gain
+is fitted to each recording and microphone by least squares, g_m = <y_m, a_m> / ||a_m||^2: it holds whatever amplifiers
+did, and since a burst of noise is nearly orthogonal to its own later copies, echoes hardly disturb it. Or it is that of
+the free field of a loudspeaker of gain 1, 1 / (4 pi |p_m|), as simulations have it.
 """
 
 import numpy as np
 from scipy import fft
 
 from echolearn.types import Array, MicArray, Probe, check
+
+WAYS = ("calibration", "fitted", "analytic")
+"""How a direct path is removed: a recording of it, or geometry with a gain that is fitted or that of the free field."""
 
 
 def delayed(probe: Probe, array: MicArray, *, speed_of_sound: float) -> Array:
@@ -25,20 +29,21 @@ def delayed(probe: Probe, array: MicArray, *, speed_of_sound: float) -> Array:
     return arrived
 
 
-def remove(samples: Array, probe: Probe, array: MicArray, *, speed_of_sound: float, analytic: bool = False) -> Array:
+def free_field(array: MicArray) -> Array:
+    """Return the gains of the free field, shape (M,)."""
+    gain: Array = 1.0 / (4.0 * np.pi * np.maximum(np.linalg.norm(array.positions, axis=1), 1e-3))
+    return gain
+
+
+def remove(samples: Array, arrived: Array, *, gain: Array | None = None) -> Array:
     """Return recordings without their direct path.
 
     Args:
         samples: shape (..., M, N).
-        probe: what was emitted, at sample 0.
-        array: where the microphones are, the loudspeaker at the origin.
-        speed_of_sound: in m/s.
-        analytic: take the free field's gain rather than the fitted one.
+        arrived: the direct path at each microphone up to its gain, shape (M, N).
+        gain: shape (M,); None fits one to each recording and microphone.
     """
-    arrived = delayed(probe, array, speed_of_sound=speed_of_sound)
-    if analytic:
-        gain = 1.0 / (4.0 * np.pi * np.maximum(np.linalg.norm(array.positions, axis=1), 1e-3))
-    else:
+    if gain is None:
         gain = np.sum(samples * arrived, axis=-1) / np.sum(arrived**2, axis=-1)
     without: Array = samples - gain[..., None] * arrived
     return without

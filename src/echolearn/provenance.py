@@ -19,8 +19,8 @@ CHANGED = f"if you changed the survey on purpose, remove its {store.MANIFEST}"
 
 def used(survey: Survey) -> list[str]:
     """Return the names of the files that a map depends on."""
-    noise = [recording.NOISE] if (survey.folder / recording.NOISE).exists() else []
-    return ["survey.yaml", "probe.wav", "poses.csv", *noise, *dict.fromkeys(survey.files)]
+    extras = [name for name in (recording.NOISE, recording.CALIBRATION) if (survey.folder / name).exists()]
+    return ["survey.yaml", "probe.wav", "poses.csv", *extras, *dict.fromkeys(survey.files)]
 
 
 def read(folder: Path) -> tuple[Survey, int]:

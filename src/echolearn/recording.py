@@ -8,6 +8,7 @@
     poses.csv            index,x_m,y_m,z_m,heading_rad,file; the index whole and each once
     observations/*       M channels each, WAV (float32 or PCM) or FLAC
     noise.wav            optional: M channels of noise alone, of any length, the loudspeaker silent
+    calibration.wav      optional, if the direct path is present: M channels of it alone, recorded in a free room
 
 Positions are of the loudspeaker in the room's frame; times count from the emission.
 """
@@ -27,7 +28,7 @@ import yaml
 from echolearn import audio, description, direct, signals
 from echolearn.types import Array, MicArray, Observation, Pose, Probe, check
 
-NOISE = "noise.wav"
+NOISE, CALIBRATION = "noise.wav", "calibration.wav"
 
 LIMITS = description.LIMITS | {".wav": audio.LARGEST, ".flac": audio.LARGEST}
 """Bytes that a file of a survey may have."""
@@ -52,7 +53,7 @@ class Survey:
         numbers: `index` of each pose in `poses.csv`.
         walls: outline of the room, shape (C, 2), in m, or None.
         conditions: what is known of the recording.
-        direct: whether the recordings hold the direct path, which reading removes.
+        direct: how reading removes the direct path, one of `direct.WAYS`; None if the recordings hold none.
         rate: sample rate in Hz to which recordings and probe are brought when read; None leaves them.
     """
 
@@ -65,7 +66,7 @@ class Survey:
     numbers: tuple[int, ...]
     walls: Array | None
     conditions: Mapping[str, Any]
-    direct: bool = False
+    direct: str | None = None
     rate: float | None = None
 
     def observe(self, poses: Sequence[int]) -> Observation:
@@ -74,15 +75,29 @@ class Survey:
         What `noise.wav` tells of the noise goes with them, for localizers that whiten.
 
         Raises:
-            BadValue: a recording that is missing, has another sample rate, number of channels or length, or NaN.
+            BadValue: a recording that is missing, has another sample rate, number of channels or length, or NaN; or
+                such a calibration or noise.
         """
         samples = np.stack([self._read(self.files[pose]) for pose in poses])
         if self.direct:
-            samples = direct.remove(samples, self.probe, self.array, speed_of_sound=self.speed_of_sound)
+            gain = direct.free_field(self.array) if self.direct == "analytic" else None
+            samples = direct.remove(samples, self.arrivals, gain=gain)
         observation = Observation(samples, self.probe, self.array, self.speed_of_sound)
         heard = observation if self.rate in (None, self.probe.sample_rate) else resampled(observation, self.rate)
         psd, covariance = self.noise_statistics
         return replace(heard, noise_psd=psd, noise_covariance=covariance)
+
+    @cached_property
+    def arrivals(self) -> Array:
+        """The direct path at each microphone up to its gain, shape (M, N), at the rate of the recordings."""
+        if self.direct != "calibration":
+            return direct.delayed(self.probe, self.array, speed_of_sound=self.speed_of_sound)
+        path, (channels, length) = self.folder / CALIBRATION, (len(self.array), self.probe.length)
+        samples = audio.read_wav(path, self.probe.sample_rate)
+        check(samples.shape[0] == channels, str(path), samples.shape, allowed=f"{channels} channels")
+        silent = [channel + 1 for channel in range(channels) if not samples[channel, :length].any()]
+        check(not silent, f"{path} channels", silent, allowed="the direct path in each", hint="a deaf microphone?")
+        return np.pad(samples[:, :length], ((0, 0), (0, max(0, length - samples.shape[1]))))
 
     @cached_property
     def noise_statistics(self) -> tuple[Array, Array] | tuple[None, None]:
@@ -103,7 +118,6 @@ class Survey:
         path = self.folder / NOISE
         if not path.exists():
             return None
-        check(inside(self.folder, NOISE), str(path), "a link", allowed=INSIDE)
         samples = audio.read_wav(path, self.probe.sample_rate)
         channels, length = len(self.array), self.probe.length
         allowed = f"{channels} channels of at least {length} samples"
@@ -167,16 +181,19 @@ def read(folder: Path) -> Survey:
     """Open a recorded survey.
 
     Raises:
-        BadValue: a file or key that is missing or malformed.
+        BadValue: a file or key that is missing or malformed; or a calibration where there is no direct path.
     """
     folder = Path(folder)
-    for name in ("survey.yaml", "probe.wav", "poses.csv"):
+    for name in ("survey.yaml", "probe.wav", "poses.csv", NOISE, CALIBRATION):
         check(inside(folder, name), f"{folder}/{name}", "a link", allowed=INSIDE)
     about = description.read_yaml(folder / "survey.yaml")
     padded = audio.read_wav(folder / "probe.wav", about["sample_rate"])[0]
     burst = padded[: np.flatnonzero(padded)[-1] + 1] if padded.any() else padded[:0]
     check(len(burst) > 0, f"{folder}/probe.wav", "silence", allowed="the burst that was emitted")
     check(len(padded) <= LONGEST, f"{folder}/probe.wav", f"{len(padded)} samples", allowed=f"at most {LONGEST}")
+    present, calibrated = about["direct_path"] == "present", (folder / CALIBRATION).exists()
+    place, hint = f"{folder}/{CALIBRATION} direct_path", "there is none to remove"
+    check(present or not calibrated, place, "removed", allowed="present", hint=hint)
     numbers, poses, files = description.read_poses(folder / "poses.csv")
     return Survey(
         folder=folder,
@@ -188,5 +205,5 @@ def read(folder: Path) -> Survey:
         numbers=numbers,
         walls=about.get("walls"),
         conditions=about.get("conditions") or {},
-        direct=about["direct_path"] == "present",
+        direct=("calibration" if calibrated else "fitted") if present else None,
     )
