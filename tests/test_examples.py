@@ -1,6 +1,8 @@
 """Examples do what they say, on a real bundle."""
 
+import json
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -8,9 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from echolearn import deploy
+from echolearn import deploy, recording
+from echolearn.cartography import draw
+from echolearn.cli import main
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "read_bundle.py"
+EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLE, SHORT = EXAMPLES / "read_bundle.py", EXAMPLES / "survey" / "short"
 
 
 def read(bundle: Path) -> subprocess.CompletedProcess[str]:
@@ -36,3 +41,22 @@ def test_damage_is_named(packed: Path, tmp_path: Path) -> None:
         (folder / name).write_bytes(data.replace(b"trees", b"birch", 1) if name.endswith("json") else data[:-1] + b"!")
         done = read(folder)
         assert done.returncode != 0 and f"{name}: damaged" in done.stderr
+
+
+def test_the_short_survey_is_what_its_command_makes(tmp_path: Path) -> None:
+    """To the byte where it was made; on other processors to rounding."""
+    command = json.loads((SHORT / "manifest.json").read_text())["command"]
+    assert command in (EXAMPLES / "README.md").read_text()
+    assert main([*shlex.split(command)[1:], f"runs={tmp_path}"]) == 0
+    kept, made = recording.read(SHORT), recording.read(tmp_path / "survey" / "short")
+    poses = range(len(kept.poses))
+    assert np.allclose(made.observe(poses).samples, kept.observe(poses).samples, rtol=0, atol=1e-6)
+    places = [[[*pose.position, pose.heading] for pose in walk.poses] for walk in (kept, made)]
+    assert np.allclose(*places, rtol=0, atol=1e-12)
+    assert (made.folder / "survey.yaml").read_bytes() == (SHORT / "survey.yaml").read_bytes()
+
+
+def test_the_short_survey_is_mapped(packed: Path, tmp_path: Path) -> None:
+    """Its recordings hold the nearest walls' echoes and little more, which is enough."""
+    scores = json.loads((draw(survey=SHORT, bundle=packed, runs=tmp_path) / "manifest.json").read_text())["scores"]
+    assert scores["precision"] >= 0.9 and scores["true_retention"] >= 0.9
