@@ -2,7 +2,7 @@
 
 | places  | poses                                                                                              |
 |---------|----------------------------------------------------------------------------------------------------|
-| corners | two walls at distances drawn from `walls`, under a random heading                                    |
+| corners | the two walls of some corner at the distances `walls`, in either order, under a random heading        |
 | walk    | of several walks through the room (`mapping.trajectory`), those from which a wall is 1 to 2 m away  |
 
 Every pose of `walk` can give a point of the map, so a share of points on walls is there the share of the attainable.
@@ -22,9 +22,9 @@ WALKS = 4
 
 
 def corner(room: Room, walls: tuple[float, float], *, seed: int, position: int) -> Pose:
-    """Return a pose in a corner, both of its walls at distances from `walls`, in m, at mid-height."""
+    """Return a pose in a corner, its walls at the distances `walls` in either order, in m, at mid-height."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, position)))
-    away = rng.uniform(*walls, 2)
+    away = rng.permutation(walls)
     size, far = np.array(room.size), rng.integers(2, size=2).astype(bool)
     place = np.append(np.where(far, size[:2] - away, away), size[2] / 2)
     return Pose(place, float(rng.uniform(-np.pi, np.pi)))

@@ -1,8 +1,9 @@
 """How well echoes are found: every localizer's accuracy while one thing of the scene is varied.
 
-At each value all localizers hear the same recordings, in corners of the room or along walks through it (`places`). The
-wall that an estimate is *matched* with is the one whose true TOA is nearest to it, or of several within 5 samples the
-one nearest in direction. Each metric is a share of all recordings:
+At each value all localizers hear the same recordings, in corners of the room or along walks through it (`places`), of
+one burst or of another at each position: what an estimator makes of noise of few lines hangs on the burst. The wall
+that an estimate is *matched* with is the one whose true TOA is nearest to it, or of several within 5 samples the one
+nearest in direction. Each metric is a share of all recordings:
 
 | metric  | the estimate ...                                                                  |
 |---------|-----------------------------------------------------------------------------------|
@@ -32,12 +33,14 @@ from echolearn.geometry import SearchWindow, check_inside
 from echolearn.localize import Localizer
 from echolearn.processes import processes
 from echolearn.progress import track
+from echolearn.signals import noise_probe
 from echolearn.simulate import Scene, check_levels, check_pings
 from echolearn.trials import FAULTS, METRICS, Condition, Trials
 from echolearn.types import LATER, Array, BadValue, Pose, Room, check, check_list, check_name, check_number, check_whole
 
 CHANCE = "chance"
 VARIED = ("snr_db", "sdnr_db", "t60", "fault", "pings")
+BURSTS = ("one", "each")
 
 
 @dataclass(frozen=True)
@@ -52,11 +55,12 @@ class Study:
         localizers: by name.
         snr_db: unless varied; None is no sensor noise.
         sdnr_db: unless varied; None is no diffuse noise.
-        walls: distances between which the two nearest walls of every position lie, in m.
+        walls: distances of the two nearest walls of every position, in m.
         window: from which `chance` draws.
         positions: how many.
         trials: recordings at each value, shared out evenly over the positions.
         seed: of positions and noise.
+        bursts: one, that of the scene, or each: a burst of its own, as long, for every position.
         pings: unless varied; how many recordings are averaged, each at the levels above.
         places: corners or walk, see `places`; a walk keeps its own distances from the walls.
     """
@@ -73,6 +77,7 @@ class Study:
     positions: int = 20
     trials: int = 100
     seed: int = 0
+    bursts: str = "each"
     pings: int = field(default=1, metadata=LATER)
     places: str = field(default="corners", metadata=LATER)
 
@@ -90,6 +95,7 @@ class Study:
         check_whole("seed", self.seed, low=0)
         for value in self.values:
             self.condition(value)
+        check(self.bursts in BURSTS, "bursts", self.bursts, allowed=" or ".join(BURSTS))
         check(self.places in places.PLACES, "places", self.places, allowed=" or ".join(places.PLACES))
         for pose in self.poses():
             check_inside(self.room, self.scene.array, pose)
@@ -122,6 +128,15 @@ class Study:
         if self.places == "walk":
             return places.walked(self.room, self.positions, seed=self.seed)
         return [places.corner(self.room, self.walls, seed=self.seed, position=p) for p in range(self.positions)]
+
+    def heard(self, position: int) -> Scene:
+        """Return the scene of a position, with the burst that is emitted there."""
+        if self.bursts == "one":
+            return self.scene
+        probe = self.scene.probe
+        seed = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(4, position))).integers(10**9)
+        sizes = {"burst": len(probe.samples), "length": probe.length, "sample_rate": probe.sample_rate}
+        return replace(self.scene, probe=noise_probe(seed=int(seed), **sizes))
 
 
 def run(
@@ -193,9 +208,10 @@ def listen(study: Study, value: Any) -> Array:
     """
     condition, poses = study.condition(value), study.poses()
     share = np.array_split(np.arange(study.trials), study.positions)
+    localizers = list(study.localizers.values())
     blocks = [
-        Trials(condition, study.scene, poses[place], place, [int(number) for number in numbers], study.seed).judge(
-            list(study.localizers.values()), study.window
+        Trials(condition, study.heard(place), poses[place], place, numbers.tolist(), study.seed).judge(
+            localizers, study.window
         )
         for place, numbers in enumerate(share)
     ]
