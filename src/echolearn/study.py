@@ -135,8 +135,8 @@ class Study:
             return self.scene
         probe = self.scene.probe
         seed = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(4, position))).integers(10**9)
-        sizes = {"burst": len(probe.samples), "length": probe.length, "sample_rate": probe.sample_rate}
-        return replace(self.scene, probe=noise_probe(seed=int(seed), **sizes))
+        burst = noise_probe(seed=int(seed), burst=len(probe.samples), length=probe.length).samples
+        return replace(self.scene, probe=replace(probe, samples=burst))
 
 
 def run(
