@@ -1,17 +1,23 @@
 """When a share agrees with what was expected of it; that everything expected can be found."""
 
+import csv
+from pathlib import Path
+
 import pytest
 from scipy.stats import binomtest
 
 from echolearn import config, expected
-from echolearn.expected import EXPECTATIONS, Expectation, Share
+from echolearn.expected import Expectation, Share
+from echolearn.types import BadValue
 
 AT = ("snls", "toa", "-10")
+TABLE = Path(__file__).parents[1] / "docs" / "studies" / "expected.csv"
+EXPECTATIONS = expected.read(TABLE)
 
 
-def verdict(found, **about):
+def verdict(found, *, share=float("nan"), **about):
     """Return the last column for one share that was found."""
-    return Expectation("it", "study", AT, why="The weather.", **about).row(found)[-1]
+    return Expectation("it", "study", AT, share, why="The weather.", **about).row(found)[-1]
 
 
 def test_counted_shares_agree_where_intervals_overlap():
@@ -29,10 +35,12 @@ def test_a_figure_without_trials_must_lie_in_the_interval():
     assert verdict({AT: Share(0.7, 0.6, 0.79, 100)}, share=0.8, trials=None) == "no. The weather."
 
 
-def test_a_limit_is_met_unless_the_whole_interval_is_beyond_it():
+def test_a_limit_is_met_by_the_share_itself():
     assert verdict({AT: Share(0.14, 0.1, 0.2, 100)}, share=0.15, limit="<") == "yes"
+    assert verdict({AT: Share(0.25, 0.14, 0.4, 100)}, share=0.15, limit="<") == "overlap alone. The weather."
     assert verdict({AT: Share(0.3, 0.2, 0.4, 100)}, share=0.15, limit="<") == "no. The weather."
     assert verdict({AT: Share(1.0, 0.96, 1.0, 100)}, share=0.9, limit=">=") == "yes"
+    assert verdict({AT: Share(0.86, 0.82, 0.905, 100)}, share=0.9, limit=">=") == "overlap alone. The weather."
     assert verdict({AT: Share(0.8, 0.7, 0.89, 100)}, share=0.9, limit=">=") == "no. The weather."
 
 
@@ -43,13 +51,32 @@ def test_a_share_can_be_expected_to_stay():
 
 
 def test_what_was_not_found_says_so_and_a_row_is_in_per_cent():
-    assert Expectation("it", "study", AT, 0.5).row({})[3:] == ["not yet: `make studies`", ""]
-    row = Expectation("it", "study", AT, 0.825).row({AT: Share(0.76, 0.695, 0.83, 200)})
-    assert row == ["it", "82.5 [68.1, 91.3], n = 40", "planning", "76 [69.5, 83], n = 200", "yes"]
+    about = {"share": 0.825, "trials": 40, "source": "us"}
+    assert Expectation("it", "study", AT, **about).row({})[3:] == ["not yet: `make studies`", ""]
+    row = Expectation("it", "study", AT, **about).row({AT: Share(0.76, 0.695, 0.83, 200)})
+    assert row == ["it", "82.5 [68.1, 91.3], n = 40", "us", "76 [69.5, 83], n = 200", "yes"]
 
 
 def test_a_folder_without_studies_leaves_every_place_open(tmp_path):
-    assert expected.table(tmp_path).count("not yet") == len(EXPECTATIONS)
+    assert expected.table(EXPECTATIONS, tmp_path).count("not yet") == len(EXPECTATIONS) > 20
+
+
+def test_a_table_that_cannot_be_read_is_named(tmp_path):
+    path = tmp_path / "expected.csv"
+    for text in (None, "what,study\nit,one\n", TABLE.read_text().replace("0.825,40", "most,40")):
+        if text:
+            path.write_text(text)
+        with pytest.raises(BadValue, match=r"expected\.csv: cannot be read"):
+            expected.read(path)
+
+
+def test_every_row_has_what_it_says():
+    with TABLE.open(newline="") as file:
+        for row, each in zip(csv.DictReader(file), EXPECTATIONS, strict=True):
+            assert (each.what, each.at[0], str(each.trials or ""), each.why) == (
+                row["what"], row["localizer"], row["trials"], row["why"]
+            )  # fmt: skip
+            assert each.beside or 0 <= each.share <= 1
 
 
 @pytest.mark.parametrize("name", sorted({each.study for each in EXPECTATIONS if "pings" not in each.study}))

@@ -1,6 +1,7 @@
 """A study in a page: tables, figures beside it, everything else untouched; and the page that the project has."""
 
 import re
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from echolearn import cli, pages, study
 from echolearn.geometry import circular_array
 from echolearn.localize.gated import Gated
+from echolearn.markers import Markers, write_between
 from echolearn.noise.white import White
 from echolearn.rir.images import Images
 from echolearn.signals import noise_probe
@@ -79,8 +81,33 @@ def test_a_study_of_one_value_has_no_figure_to_show(runs, tmp_path):
 def test_a_page_that_asks_for_it_learns_what_was_expected(runs, tmp_path):
     page = bare(tmp_path, "small")
     page.write_text(page.read_text() + f"\n{pages.EXPECTED.begin}\n{pages.EXPECTED.end}\n")
+    with pytest.raises(BadValue, match=r"mine/expected\.csv: cannot be read"):
+        pages.publish(runs / "small", page)
+    columns, row = (
+        "what,study,localizer,metric,at,share,trials,limit,beside,source,why",
+        "it,small,gated,toa,10.0,0,,>=,,us,",
+    )
+    (tmp_path / "mine" / "expected.csv").write_text(f"{columns}\n{row}\n")
     pages.publish(runs / "small", page)
-    assert "| S-NLS, TOA, SNR -10 dB | " in page.read_text()
+    assert re.search(r"\| it \| >= 0 \| us \| .* n = 4 \| yes \|", page.read_text())
+
+
+def write_often(page, name):
+    """Write a section again and again, and tell whether what was written last was ever lost."""
+    marks = Markers(f"<{name}>", f"</{name}>", "page")
+    whole = []
+    for number in range(100):
+        write_between(page, f"{name}{number}", marks)
+        whole.append(f"{name}{number}\n" in page.read_text())
+    return all(whole)
+
+
+def test_commands_that_share_a_page_wait_for_each_other(tmp_path):
+    page = tmp_path / "mine.md"
+    page.write_text("<a>\n</a>\n<b>\n</b>\n")
+    with ProcessPoolExecutor(2) as pool:
+        assert all(pool.map(write_often, [page, page], "ab"))
+    assert page.read_text() == "<a>\na99\n</a>\n<b>\nb99\n</b>\n"
 
 
 def test_a_damaged_study_is_not_published(runs, tmp_path):
@@ -103,6 +130,6 @@ def test_a_page_without_its_markers_stops_a_study_before_it_begins(tmp_path, cap
 
 def test_the_projects_figures_are_there_small_and_all_used():
     shown = re.findall(r"!\[.+?\]\((.+?)\)", PAGE.read_text())
-    there = sorted(path.relative_to(PAGE.parent).as_posix() for path in (PAGE.parent / "studies").iterdir())
+    there = sorted(path.relative_to(PAGE.parent).as_posix() for path in (PAGE.parent / "studies").glob("*.svg"))
     assert sorted(shown) == there
     assert max((PAGE.parent / name).stat().st_size for name in shown) < 200_000

@@ -91,16 +91,33 @@ def test_another_study_of_that_name_replaces_it_whole(tmp_path):
     assert len(list(first.glob("estimates-*"))) == 1
 
 
-def test_positions_are_where_they_should_be():
+def test_both_walls_of_a_corner_can_be_found():
     poses = replace(SMALL, positions=30, trials=30).poses()
-    size = np.array(SMALL.room.size)
-    away = np.array([np.minimum(pose.position, size - pose.position)[:2] for pose in poses])
-    assert 1.0 <= away.min() < 1.1
-    assert 1.4 < away.max() <= 1.5
     window = SMALL.window.lags(SMALL.scene.array, 22050.0, 343.0)
     for pose in poses:
         near = np.sort(true_echoes(SMALL.room, pose, SMALL.scene.array).toa)[:2] * 22050
         assert window[0] <= near.min() < near.max() <= window[1]
+
+
+def test_corners_are_those_of_the_room_and_walls_in_either_order():
+    poses = replace(SMALL, positions=40, trials=40).poses()
+    places = np.array([pose.position for pose in poses])
+    walls = np.array([[x, 6.0 - x, y, 5.0 - y] for x, y, _ in places])
+    assert np.allclose(np.sort(walls, axis=1)[:, :2], [1.0, 1.5])
+    order = np.minimum(walls[:, 0], walls[:, 1]) < 1.2
+    corners = {(bool(x > 3), bool(y > 2.5), bool(first)) for (x, y, _), first in zip(places, order, strict=True)}
+    assert len(corners) == 8 and (places[:, 2] == 3.0).all()
+
+
+def test_every_position_has_a_burst_of_its_own_or_all_have_the_scenes():
+    bursts = [SMALL.heard(position).probe for position in range(4)]
+    assert len({probe.samples.tobytes() for probe in bursts}) == 4
+    assert all(abs(probe.samples.std() - 1) < 0.1 and len(probe.samples) == 1500 for probe in bursts)
+    assert {(probe.length, probe.sample_rate) for probe in bursts} == {(8000, 22050.0)}
+    assert np.array_equal(SMALL.heard(2).probe.samples, bursts[2].samples)
+    assert replace(SMALL, bursts="one").heard(2) is SMALL.scene
+    other = study.listen(replace(SMALL, bursts="one"), -10.0)["hit"]
+    assert not np.array_equal(other, study.listen(SMALL, -10.0)["hit"])
 
 
 WALK = replace(SMALL, room=Room((8.0, 6.0, 5.0), 0.6), places="walk", positions=60, trials=60)
@@ -184,6 +201,7 @@ def test_equal_shares_stand_side_by_side_near_their_value(vary, values):
         ({"pings": 0}, "pings=0"),
         ({"vary": "pings", "values": [1, 2.5]}, "values=2.5"),
         ({"walls": (1.0, 40.0)}, "room"),
+        ({"bursts": "some"}, "bursts=some: one or each"),
         ({"places": "roof"}, "places=roof: corners or walk"),
         ({"places": "walk", "room": Room((2.5, 6.0, 6.0), 0.25)}, "trajectory.clearance"),
         ({"places": "walk", "room": Room((8.0, 6.0, 5.0), 0.6), "positions": 900, "trials": 900}, "positions=900"),

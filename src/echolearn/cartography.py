@@ -1,7 +1,7 @@
 """A recorded survey and a bundle make a map: every recording heard as `deploy` does, the files by `mapfiles`.
 
-The map is identified by what goes into it: the bundle, the survey's files, the resolution, and whether
-a bag for ROS is among its files. A finished one is not made again.
+The map is identified by what goes into it: the bundle, the survey's files, the resolution, how a direct path is removed
+if that was chosen, and whether a bag for ROS is among its files. A finished one is not made again.
 """
 
 import hashlib

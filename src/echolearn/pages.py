@@ -1,6 +1,6 @@
 """A page of studies: what each found, between markers that bear its name, and what had been expected of all.
 
-Its figures are copied into a folder beside the page, of the page's name.
+Beside the page lies a folder of its name: figures are copied there, and its `expected.csv` says what was expected.
 """
 
 import shlex
@@ -30,11 +30,12 @@ def publish(folder: Path, page: Path) -> None:
         page: Markdown with the markers of the study's name.
 
     Raises:
-        BadValue: a damaged study, or a page without the markers.
+        BadValue: a damaged study, a page without the markers, or expectations that cannot be read.
     """
     write_between(page, section(folder, page), markers(folder.name))
     if EXPECTED.begin in page.read_text():
-        write_between(page, expected.table(folder.parent), EXPECTED)
+        expectations = expected.read(page.parent / page.stem / "expected.csv")
+        write_between(page, expected.table(expectations, folder.parent), EXPECTED)
 
 
 def section(folder: Path, page: Path) -> str:
