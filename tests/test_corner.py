@@ -8,7 +8,7 @@ import pytest
 
 from echolearn import deploy, recording
 from echolearn.compare import Walk, judge_walk
-from echolearn.dataset import Dataset, generate, records
+from echolearn.dataset import Dataset, generate
 from echolearn.engine.processes import Processes
 from echolearn.engine.serial import Serial
 from echolearn.geometry import SearchWindow, distance_to_outline, outline, wall_points
@@ -18,6 +18,7 @@ from echolearn.localize.gated import Gated
 from echolearn.localize.joint import Joint
 from echolearn.matching import match_echoes
 from echolearn.plans import GridPlan, Plan
+from echolearn.records import records
 from echolearn.simulate import Scene
 from echolearn.trained import Run, load_runs
 from echolearn.types import Array, Room

@@ -16,15 +16,17 @@ from hypothesis import strategies as st
 
 import reference
 from echolearn import dataset, features, store
-from echolearn.dataset import Dataset, folder_of, generate, plain, records, split
+from echolearn.dataset import Dataset, folder_of, generate, plain, split
 from echolearn.engine.processes import Processes
 from echolearn.engine.serial import Serial
 from echolearn.geometry import SearchWindow
 from echolearn.localize.gated import Gated
+from echolearn.localize.joint import Joint
 from echolearn.noise.diffuse import Diffuse
 from echolearn.noise.recorded import Recorded
 from echolearn.noise.rotor import Rotor
 from echolearn.plans import GridPlan, ScatteredPlan, Spot
+from echolearn.records import records
 from echolearn.simulate import Scene, observe
 from echolearn.trained import sheet_of
 from echolearn.types import Array, BadValue, Echoes, Observation, Pose, Room
@@ -253,6 +255,23 @@ def test_rows_with_diffuse_noise_depend_on_the_seed_alone(
     sheet = sheet_of(rows, "hovering", resamples=2)
     assert sheet.noise == "white+rotor"
     assert np.array_equal(sheet.snr_db, rows.ratio_db)
+
+
+@pytest.mark.parametrize("whiten", [True, "spatial"])
+def test_a_localizer_that_whitens_is_handed_the_noise_of_each_row(hovering: ScatteredPlan, whiten: bool | str) -> None:
+    """Under rotors that drown every echo without it; whatever rows are estimated together, and whatever their gain."""
+    loud = replace(hovering, snr_db=(40.0, 40.0), sdnr_db=(-28.0, -22.0), localizer=Joint(SearchWindow(), 36))
+    found = records(replace(loud, localizer=Joint(SearchWindow(), 36, whiten=whiten)), range(6))
+    lags = SearchWindow().lags(loud.scene.array, 22050.0, 343.0)
+    within = ((found["truth_toa"] * 22050 >= lags[0]) & (found["truth_toa"] * 22050 <= lags[1])).any(axis=1)
+    assert within.sum() >= 5
+    assert found["reflector"][within].all()
+    assert records(loud, range(6))["reflector"][within].mean() < 0.7
+    parts = [
+        records(replace(loud, localizer=Joint(SearchWindow(), 36, whiten=whiten)), part)
+        for part in (range(2), range(2, 6))
+    ]
+    assert np.concatenate(parts).tobytes() == found.tobytes()
 
 
 def test_without_sensor_noise_its_ratio_is_infinite(hovering: ScatteredPlan) -> None:

@@ -31,6 +31,7 @@ from echolearn.dataset import generate
 from echolearn.engine.dask import Dask, alone, versions
 from echolearn.engine.serial import Serial
 from echolearn.engine.slurm import DaskSlurm
+from echolearn.records import records
 from echolearn.types import Array, BadValue
 
 ENGINES = sorted(path.stem for path in (folder() / "engine").glob("*.yaml"))
@@ -194,7 +195,7 @@ def test_every_engine_makes_the_same_set_and_redoes_nothing(
     """One shard of six is there already."""
     plan = plan_of(SMALL)
     place = dataset.folder_of(plan, tmp_path)
-    store.write_shard(place, 3, dataset.records(plan, range(3, 4)))
+    store.write_shard(place, 3, records(plan, range(3, 4)))
     before = (place / store.shard_name(3)).stat().st_mtime_ns
     workers = 1 if option == "dask_slurm" else 2
     assert generated(SMALL, engine(option, tmp_path, workers), tmp_path) == place

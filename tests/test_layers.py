@@ -15,7 +15,7 @@ SOURCE = Path(echolearn.__file__).parent
 ORDER = """
     types literal timing processes progress config store engine markers geometry matching signals coverage stats
     audio description direct recording provenance noise localize rir features metrics mapping guard schema bundle
-    deploy onboard lines mapfiles cartography simulate plans dataset survey judge hearing classify task training
+    deploy onboard lines mapfiles cartography simulate plans records dataset survey judge hearing classify task training
     trained tables figures report compare trials curves places study expected pages export bench launch commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""

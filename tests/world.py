@@ -11,13 +11,14 @@ from typing import Any
 
 from echolearn import config, judge, store, training
 from echolearn.compare import Walk, judge_set, judge_walk
-from echolearn.dataset import FORMAT, Dataset, folder_of, plain, records
+from echolearn.dataset import FORMAT, Dataset, folder_of, plain
 from echolearn.export import export
 from echolearn.geometry import SearchWindow, circular_array
 from echolearn.localize.gated import Gated
 from echolearn.localize.snls import Snls
 from echolearn.noise.white import White
 from echolearn.plans import GridPlan, Plan, ScatteredPlan
+from echolearn.records import records
 from echolearn.rir.images import Images
 from echolearn.signals import noise_probe
 from echolearn.simulate import Scene

@@ -3,47 +3,30 @@
 Row i of a set depends on `SeedSequence(plan.seed, spawn_key=(i,))` alone, and shards are always computed
 whole and with one thread, so the bytes are the same for any engine, any number of workers and any interruption.
 
-A shard is one structured array, a record per echo: the columns and tensors of `features`, the labels
-
-- `reflector` (the paper's): |estimated - true TOA| < 10 samples for some reflecting wall; of several echoes of one
-  observation no two for the same wall (`matching`),
-- `on_map`: the map point (TOA and DOA together) lies within 0.10 m of the room's outline,
-
-and what the estimator did not know: SNR, gain, T60, room, pose, true TOAs, and `group`, the position's number,
-by which every split is made; SDNR only in sets with diffuse noise, pings only where several are averaged.
-
-Where a plan's localizer finds R > 1 echoes, an observation has R records one after the other, strongest first, with the
-number `echo` from 0 and the `wall` that each was matched with, its place in `truth_toa`, or -1.
+A shard is one structured array, a record per echo (`records`).
 """
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import fields, is_dataclass
 from functools import partial
 from hashlib import sha256
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from echolearn import features, store
+from echolearn import store
 from echolearn.engine import Engine
-from echolearn.geometry import check_inside, distance_to_outline, outline, true_echoes, wall_points
-from echolearn.localize.matched import view
-from echolearn.matching import UNMATCHED, match_echoes
-from echolearn.plans import Plan, Spot
+from echolearn.plans import Plan
 from echolearn.progress import track
+from echolearn.records import records
 from echolearn.signals import joint_db
-from echolearn.simulate import Scene, add_noise
-from echolearn.types import Array, BadValue, Echoes, Observation, check, check_number
+from echolearn.types import Array, BadValue, check, check_number
 
 FORMAT = 1
 """Version of the records; part of every digest."""
-
-TOLERANCE_SAMPLES = 10
-MAP_TOLERANCE = 0.10
 
 BLOCK = 64
 """Rows whose recordings are held at a time, 4.5 MB each with all that is computed from them."""
@@ -146,78 +129,6 @@ def _await(paths: list[Path]) -> None:
             return
         check(time.monotonic() < until, "runs", folder, allowed=f"{SHARED} ({absent[0].name} is not seen)")
         time.sleep(0.2)
-
-
-def records(plan: Plan, rows: range) -> Array:
-    """Return the records of the observations `rows` of a plan as a structured array, shape (B * R,)."""
-    spots, samples = zip(*_observe(plan, rows), strict=True)
-    scene = plan.scene
-    observation = Observation(np.stack(samples), scene.probe, scene.array, scene.speed_of_sound)
-    matched = view(observation, plan.window)
-    echoes = plan.localizer(observation)
-    count = echoes.toa.shape[1]
-    heard = tuple(spot for spot in spots for _ in range(count))
-    columns = features.describe(matched, echoes) | _context(heard) | _labels(spots, echoes, scene)
-    dtype = [(name, value.dtype, value.shape[1:]) for name, value in columns.items()]
-    table = np.empty(len(heard), dtype=dtype)
-    for name, value in columns.items():
-        table[name] = value
-    return table
-
-
-def _observe(plan: Plan, rows: range) -> Iterator[tuple[Spot, Array]]:
-    """Yield each row's spot and recording (M, N); rows of one position share its responses."""
-    drawn = ((row, np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(row,)))) for row in rows)
-    spots = ((plan.spot(row, rng), rng) for row, rng in drawn)
-    for _, same in groupby(spots, key=lambda pair: pair[0].group):
-        received = None
-        for spot, rng in same:
-            check_inside(spot.room, plan.scene.array, spot.pose)
-            received = plan.scene.received(spot.room, spot.pose) if received is None else received
-            yield spot, _record(received, plan.scene, spot, rng)
-
-
-def _record(received: Array, scene: Scene, spot: Spot, rng: np.random.Generator) -> Array:
-    levels = {"snr_db": spot.snr_db, "sdnr_db": spot.sdnr_db}
-    return add_noise(received, scene, gain_db=spot.gain_db, rng=rng, pings=spot.pings, **levels)
-
-
-def _context(spots: tuple[Spot, ...]) -> dict[str, Array]:
-    return {
-        "snr_db": np.array([np.inf if spot.snr_db is None else spot.snr_db for spot in spots]),
-        **({} if spots[0].sdnr_db is None else {"sdnr_db": np.array([spot.sdnr_db for spot in spots])}),
-        **({} if spots[0].pings == 1 else {"pings": np.array([spot.pings for spot in spots])}),
-        "gain_db": np.array([spot.gain_db for spot in spots]),
-        "t60": np.array([spot.room.t60 for spot in spots]),
-        "room": np.array([spot.room.size for spot in spots]),
-        "position": np.array([spot.pose.position for spot in spots]),
-        "heading": np.array([spot.pose.heading for spot in spots]),
-        "group": np.array([spot.group for spot in spots]),
-    }
-
-
-def _labels(spots: tuple[Spot, ...], echoes: Echoes, scene: Scene) -> dict[str, Array]:
-    """Return the labels of echoes (B, R), rows observation by observation."""
-    shape, tolerance = echoes.toa.shape, TOLERANCE_SAMPLES / scene.probe.sample_rate
-    truth, wall, on_map = np.full((*shape, 6), np.nan), np.empty(shape, dtype=int), np.empty(shape, dtype=bool)
-    for row, spot in enumerate(spots):
-        toa = true_echoes(spot.room, spot.pose, scene.array, scene.speed_of_sound).toa
-        truth[row, :, : len(toa)] = toa
-        wall[row] = match_echoes(toa, echoes.toa[row], tolerance=tolerance)
-        points = wall_points(
-            echoes.toa[row],
-            echoes.azimuth[row],
-            echoes.elevation[row],
-            position=spot.pose.position,
-            heading=spot.pose.heading,
-            array=scene.array,
-            speed_of_sound=scene.speed_of_sound,
-        )
-        on_map[row] = distance_to_outline(points, outline(spot.room)) <= MAP_TOLERANCE
-    ranks = np.broadcast_to(np.arange(shape[1]), shape)
-    several = {"echo": ranks.ravel(), "wall": wall.ravel()} if shape[1] > 1 else {}
-    labels = {"reflector": wall.ravel() != UNMATCHED, "on_map": on_map.ravel(), "truth_toa": truth.reshape(-1, 6)}
-    return labels | several
 
 
 class Dataset:

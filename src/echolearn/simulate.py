@@ -40,6 +40,9 @@ from echolearn.types import (
     check_whole,
 )
 
+NOISE_SECONDS = 4.0
+"""Length of a recording of the noise alone, where no other is asked for."""
+
 
 @dataclass(frozen=True)
 class Scene:

@@ -7,18 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from echolearn import signals
-from echolearn.dataset import MAP_TOLERANCE
 from echolearn.geometry import SearchWindow, direction, distance_to_outline, outline, true_echoes, wall_points
 from echolearn.localize import Localizer
 from echolearn.localize.faults import DeafMicrophone
-from echolearn.simulate import Scene, add_noise, noise_alone
+from echolearn.records import MAP_TOLERANCE
+from echolearn.simulate import NOISE_SECONDS, Scene, add_noise, noise_alone
 from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Room
 
 TOLERANCE_SAMPLES = 5
 TOLERANCE_DEGREES = 5.0
 METRICS = ("toa", "doa", "doa_any", "on_map")
-NOISE_SECONDS = 4.0
-"""Length of the noise-only recording that each position has for estimators that whiten."""
 
 GUESSES = 50
 """Draws of `chance` for each recording."""

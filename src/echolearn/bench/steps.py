@@ -13,12 +13,12 @@ from scipy import signal
 
 from echolearn import features, signals, store
 from echolearn.bench import Measurement, Setting, heard, times
-from echolearn.dataset import records
 from echolearn.localize import beam
 from echolearn.localize.matched import Matched
 from echolearn.localize.snls import recording_covariance, spectrum_of
 from echolearn.plans import Plan
 from echolearn.progress import track
+from echolearn.records import records
 from echolearn.simulate import add_noise
 from echolearn.timing import Contestant
 from echolearn.types import Array, Observation
