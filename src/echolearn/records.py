@@ -66,7 +66,7 @@ def _records(plan: Plan, heard: Sequence[Heard]) -> Array:
     echoes = plan.localizer(observation)
     spots = tuple(each.spot for each in heard)
     each_echo = tuple(spot for spot in spots for _ in range(echoes.toa.shape[1]))
-    columns = features.describe(matched, echoes) | _context(each_echo) | _labels(spots, echoes, scene)
+    columns = features.describe(matched, echoes) | _context(each_echo) | labels(spots, echoes, scene)
     dtype = [(name, value.dtype, value.shape[1:]) for name, value in columns.items()]
     table = np.empty(len(each_echo), dtype=dtype)
     for name, value in columns.items():
@@ -115,8 +115,8 @@ def _context(spots: tuple[Spot, ...]) -> dict[str, Array]:
     }
 
 
-def _labels(spots: tuple[Spot, ...], echoes: Echoes, scene: Scene) -> dict[str, Array]:
-    """Return the labels of echoes (B, R), rows observation by observation."""
+def labels(spots: tuple[Spot, ...], echoes: Echoes, scene: Scene) -> dict[str, Array]:
+    """Return the labels of echoes (B, R), heard at B spots: arrays of B * R rows, observation by observation."""
     shape, tolerance = echoes.toa.shape, TOLERANCE_SAMPLES / scene.probe.sample_rate
     truth, wall, on_map = np.full((*shape, 6), np.nan), np.empty(shape, dtype=int), np.empty(shape, dtype=bool)
     for row, spot in enumerate(spots):
@@ -135,5 +135,5 @@ def _labels(spots: tuple[Spot, ...], echoes: Echoes, scene: Scene) -> dict[str, 
         on_map[row] = distance_to_outline(points, outline(spot.room)) <= MAP_TOLERANCE
     ranks = np.broadcast_to(np.arange(shape[1]), shape)
     several = {"echo": ranks.ravel(), "wall": wall.ravel()} if shape[1] > 1 else {}
-    labels = {"reflector": wall.ravel() != UNMATCHED, "on_map": on_map.ravel(), "truth_toa": truth.reshape(-1, 6)}
-    return labels | several
+    known = {"reflector": wall.ravel() != UNMATCHED, "on_map": on_map.ravel(), "truth_toa": truth.reshape(-1, 6)}
+    return known | several

@@ -45,7 +45,8 @@ def whitened(observation: Observation, *, samples: int | None = None) -> Observa
 
 def check_known(observation: Observation) -> None:
     """Raise `BadValue` unless the observation has a noise density."""
-    known, hint = observation.noise_psd is not None, "record the noise alone: noise.wav of a survey, or signals.noise_psd"
+    known = observation.noise_psd is not None
+    hint = "record the noise alone: noise.wav of a survey, or signals.noise_psd"
     check(known, "localizer.whiten", True, allowed="only with observation.noise_psd", hint=hint)
 
 
