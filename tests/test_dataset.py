@@ -26,7 +26,8 @@ from echolearn.noise.diffuse import Diffuse
 from echolearn.noise.recorded import Recorded
 from echolearn.noise.rotor import Rotor
 from echolearn.plans import GridPlan, ScatteredPlan, Spot
-from echolearn.records import labels, records
+from echolearn.records import labels as labels_of
+from echolearn.records import records
 from echolearn.simulate import Scene, observe
 from echolearn.trained import sheet_of
 from echolearn.types import Array, BadValue, Echoes, Observation, Pose, Room
@@ -172,7 +173,7 @@ def test_labels_by_hand(plan: GridPlan, distance: float, turned: float, reflecto
     path = np.linalg.norm([2 * distance, -0.2])
     toa, azimuth, level = (np.array([[value]]) for value in (path / 343.0, np.pi / 2 + turned, np.pi / 2))
     echoes = Echoes(toa, toa, toa, azimuth, level, toa)
-    found = labels((spot,), echoes, plan.scene)
+    found = labels_of((spot,), echoes, plan.scene)
     assert (found["reflector"][0], found["on_map"][0]) == (reflector, on_map)
     assert found["truth_toa"][0, 0] == pytest.approx(np.hypot(2.0, 0.2) / 343.0)
 
