@@ -20,14 +20,22 @@ def verdict(found, *, share=float("nan"), **about):
     return Expectation("it", "study", AT, share, why="The weather.", **about).row(found)[-1]
 
 
-def test_counted_shares_agree_where_intervals_overlap():
+def test_a_share_agrees_within_the_interval_of_what_was_counted_or_with_it_in_its_own():
     low, high = binomtest(33, 40).proportion_ci(method="wilson")
     counted = {"share": 0.825, "trials": 40}
-    assert verdict({AT: Share(0.8, 0.75, 0.85, 100)}, **counted) == "yes"
-    assert verdict({AT: Share(0.6, 0.5, low + 0.001, 100)}, **counted) == "overlap alone. The weather."
-    assert verdict({AT: Share(0.6, 0.5, low - 0.001, 100)}, **counted) == "no. The weather."
-    assert verdict({AT: Share(0.95, high - 0.001, 1.0, 100)}, **counted) == "overlap alone. The weather."
-    assert verdict({AT: Share(0.95, high + 0.001, 1.0, 100)}, **counted) == "no. The weather."
+    assert verdict({AT: Share(low + 0.001, low - 0.1, low + 0.01, 100)}, **counted) == "yes"
+    assert verdict({AT: Share(high - 0.001, high - 0.01, 1.0, 100)}, **counted) == "yes"
+    assert verdict({AT: Share(low - 0.001, low - 0.1, 0.83, 100)}, **counted) == "yes"
+    assert verdict({AT: Share(low - 0.001, low - 0.1, 0.82, 100)}, **counted) == "no. The weather."
+    assert verdict({AT: Share(high + 0.001, 0.83, 1.0, 100)}, **counted) == "no. The weather."
+
+
+def test_a_figure_among_those_of_single_positions_is_told_from_one_that_is_nowhere():
+    counted = {"share": 0.825, "trials": 40}
+    among = "with single positions, 20 to 90. The weather."
+    assert verdict({AT: Share(0.5, 0.4, 0.6, 100, 0.2, 0.9)}, **counted) == among
+    assert verdict({AT: Share(0.5, 0.4, 0.6, 100, 0.2, 0.8)}, **counted) == "no. The weather."
+    assert verdict({AT: Share(0.5, 0.4, 0.6, 100, 0.2, 1.0)}, share=0.9, limit=">=") == "no. The weather."
 
 
 def test_a_figure_without_trials_must_lie_in_the_interval():
@@ -37,11 +45,9 @@ def test_a_figure_without_trials_must_lie_in_the_interval():
 
 def test_a_limit_is_met_by_the_share_itself():
     assert verdict({AT: Share(0.14, 0.1, 0.2, 100)}, share=0.15, limit="<") == "yes"
-    assert verdict({AT: Share(0.25, 0.14, 0.4, 100)}, share=0.15, limit="<") == "overlap alone. The weather."
-    assert verdict({AT: Share(0.3, 0.2, 0.4, 100)}, share=0.15, limit="<") == "no. The weather."
+    assert verdict({AT: Share(0.25, 0.14, 0.4, 100)}, share=0.15, limit="<") == "no. The weather."
     assert verdict({AT: Share(1.0, 0.96, 1.0, 100)}, share=0.9, limit=">=") == "yes"
-    assert verdict({AT: Share(0.86, 0.82, 0.905, 100)}, share=0.9, limit=">=") == "overlap alone. The weather."
-    assert verdict({AT: Share(0.8, 0.7, 0.89, 100)}, share=0.9, limit=">=") == "no. The weather."
+    assert verdict({AT: Share(0.86, 0.82, 0.905, 100)}, share=0.9, limit=">=") == "no. The weather."
 
 
 def test_a_share_can_be_expected_to_stay():

@@ -12,7 +12,7 @@ from echolearn.compare import to_csv
 from echolearn.figures import CYCLE, GREY, MARKERS, draw
 from echolearn.types import Array
 
-FORMAT = 3
+FORMAT = 4
 """Version of the files; part of a study's identity."""
 
 COLOURS = CYCLE[:-1]  # grey is chance's
@@ -42,7 +42,7 @@ PANELS = {
 
 def make(name: str, vary: str, rows: Sequence[Row]) -> dict[str, bytes]:
     """Return the files of a study by name: `study.csv`, `study.md` and the figures."""
-    columns = ["localizer", vary, "metric", "value", "ci_low", "ci_high", "n"]
+    columns = ["localizer", vary, "metric", "value", "ci_low", "ci_high", "n", "least", "most"]
     files = {"study.csv": to_csv(rows, columns), "study.md": table(name, vary, rows).encode()}
     return files | {
         f"figures/{figure}.svg": draw_panels(vary, rows, panels).encode() for figure, panels in PANELS.items()

@@ -2,9 +2,9 @@
 
 Expectations are a table of a page's own, `expected.csv` in the page's folder, one share a row. What is expected is a
 range: Wilson's 95 % interval of a figure that was counted in trials, the figure itself where there is no number of
-trials, everything beyond a limit, or what the same study found at another value. It agrees with a share that was found
-if the range and that share's interval overlap; if the interval leaves out the very figure that was expected, or the
-share lies beyond the limit, this is said and explained too.
+trials, everything beyond a limit, or what the same study found at another value. A share that was found agrees if it
+lies in that range, or the figure expected in its interval. If neither, but the figure lies among the shares of single
+positions, that is said: it may have been counted at one. Else the difference is explained.
 
 | column               | meaning                                                                                  |
 |----------------------|------------------------------------------------------------------------------------------|
@@ -25,17 +25,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from echolearn import stats, store
+from echolearn import curves, stats, store
 from echolearn.types import BadValue
 
 
 class Share(NamedTuple):
-    """A share, the ends of its range, and how many recordings it is of, None where that is not known."""
+    """A share, the ends of its range, how many recordings it is of (None: not known), the ends of single positions."""
 
     value: float
     low: float
     high: float
     n: int | None = None
+    least: float = 1.0
+    most: float = 0.0
 
     def __str__(self) -> str:
         """Write it in per cent."""
@@ -95,11 +97,13 @@ class Expectation:
 
     def verdict(self, wanted: Share, share: Share) -> str:
         """Return whether a share agrees with what was expected, or else why not."""
-        overlap = share.low <= wanted.high and wanted.low <= share.high
-        inner, outer = (wanted, share.value) if self.limit else (share, wanted.value)
-        if overlap and inner.low <= outer <= inner.high:
+        if wanted.low <= share.value <= wanted.high:
             return "yes"
-        return f"{'overlap alone' if overlap else 'no'}. {self.why}".strip()
+        if not self.limit and share.low <= wanted.value <= share.high:
+            return "yes"
+        if not self.limit and share.least <= wanted.value <= share.most:
+            return f"with single positions, {100 * share.least:.3g} to {100 * share.most:.3g}. {self.why}".strip()
+        return f"no. {self.why}".strip()
 
 
 def read(path: Path) -> list[Expectation]:
@@ -135,16 +139,19 @@ def table(expectations: list[Expectation], studies: Path) -> str:
 
 
 def shares(folder: Path) -> Found:
-    """Return what a study found; nothing if it is not finished, or damaged."""
+    """Return what a study found; nothing if it is not finished, damaged, or of an older version."""
     try:
-        vary = store.verify(folder)["study"]["vary"]
-    except (BadValue, KeyError):
+        about = store.verify(folder)
+    except BadValue:
         return {}
+    if about.get("format") != curves.FORMAT:
+        return {}
+    vary = about["study"]["vary"]
     with (folder / "study.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    return {
-        (row["localizer"], row["metric"], row[vary]): Share(
-            float(row["value"]), float(row["ci_low"]), float(row["ci_high"]), int(row["n"])
-        )
-        for row in rows
-    }
+    return {(row["localizer"], row["metric"], row[vary]): _share(row) for row in rows}
+
+
+def _share(row: Mapping[str, str]) -> Share:
+    value, low, high, least, most = (float(row[key]) for key in ("value", "ci_low", "ci_high", "least", "most"))
+    return Share(value, low, high, int(row["n"]), least, most)
