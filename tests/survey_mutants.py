@@ -281,6 +281,7 @@ SURVEYS |= {
     "manifest nested": (lambda f: (f / "manifest.json").write_text("[" * 10**5), "manifest.json: cannot be read"),  # type: ignore[dict-item,return-value]
     "manifest nested, a little": (lambda f: (f / "manifest.json").write_text("[" * 900 + "]" * 900), "manifest.json"),  # type: ignore[dict-item,return-value]
     "manifest of NaN": (lambda f: (f / "manifest.json").write_text('{"files": NaN}'), "manifest.json"),  # type: ignore[dict-item,return-value]
+    "manifest of ten megabytes": (manifest(lambda about: about.update(more="x" * 10**7)), "bytes: at most 8388608"),
     "entry elsewhere": (entry("/etc/passwd"), "manifest.json files: bytes and sha256 of files inside"),
     "entry above": (entry("../outside"), "manifest.json files"),
     "entry around": (entry("observations/../../outside"), "manifest.json files"),

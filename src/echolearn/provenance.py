@@ -48,7 +48,7 @@ def check_whole(folder: Path) -> frozenset[str]:
     if not place.exists():
         return frozenset()
     try:
-        manifest = store.load_manifest(folder)
+        manifest = store.load_manifest(folder, largest=store.FOREIGN)
     except BadValue as error:
         raise BadValue(f"{error}; {CHANGED}") from None
     entries, mend = manifest["files"], f"{CHANGED}; else {store.advice(manifest)}"
@@ -71,7 +71,7 @@ def seal(folder: Path) -> int:
     """
     check(not (folder / store.MANIFEST).exists(), "survey", folder, allowed=f"one without {store.MANIFEST}")
     names = used(recording.read(folder))
-    store.finish(folder, {"kind": "survey"}, names)
+    store.finish(folder, {"kind": "survey"}, names, largest=store.FOREIGN)
     return len(names)
 
 

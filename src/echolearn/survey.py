@@ -87,7 +87,7 @@ def survey(
     _write(folder, walk, room=room, scene=scene, seed=seed, told=_told(**levels, pings=pings))
     noise = [recording.NOISE] if alone else []
     files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
-    store.finish(folder, about | store.made_by(command), files)
+    store.finish(folder, about | store.made_by(command), files, largest=store.FOREIGN)
     return folder
 
 
