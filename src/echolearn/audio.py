@@ -108,6 +108,11 @@ def check_size(path: Path, limit: int) -> None:
         check(size <= limit, str(path), f"{size} bytes", allowed=f"at most {limit} bytes")
 
 
+def longest(channels: int) -> int:
+    """Return how many samples of so many channels a WAV file of float32 holds that is not too large to be read."""
+    return (LARGEST - 4096) // (4 * channels)  # headers take less
+
+
 def scaled(samples: Array) -> Array:
     """Return samples as float64, PCM of any width scaled to -1 ... 1; that of 8 bits is unsigned around 128."""
     if samples.dtype.kind not in "iu":

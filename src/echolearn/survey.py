@@ -1,5 +1,6 @@
 """Simulate a robot's walk through a room and store it in the recorded-survey format (`recording.py`)."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -92,10 +93,22 @@ def survey(
 
 
 def noise_length(scene: Scene, seconds: float | None) -> float:
-    """Return the length of `noise.wav` in s, 0 for none."""
+    """Return the length of `noise.wav` in s, 0 for none.
+
+    Raises:
+        BadValue: a file of that length would not be read: it is too large, or shorter than a recording.
+    """
     if seconds is None:
-        return 0.0 if scene.diffuse is None and isinstance(scene.noise, White) else NOISE_SECONDS
+        seconds = 0.0 if scene.diffuse is None and isinstance(scene.noise, White) else NOISE_SECONDS
     check_number("noise_seconds", seconds, low=0.0, high=600.0, unit="s")
+    if seconds == 0:
+        return 0.0
+    rate, channels = scene.probe.sample_rate, len(scene.array)
+    least = max(0.1, scene.probe.length / rate)
+    most = max(least, audio.longest(channels) / rate)
+    allowed = f"0, or {math.ceil(least * 100) / 100:g} to {math.floor(most * 10) / 10:g} s of {channels} microphones"
+    hint = f"{recording.NOISE} is as long as a recording, and has at most {audio.LARGEST >> 20} MiB"
+    check(least <= seconds <= most, "noise_seconds", f"{seconds:g} s", allowed=allowed, hint=hint)
     return float(seconds)
 
 
