@@ -30,8 +30,8 @@ from echolearn.types import Array, MicArray, Observation, Pose, Probe, check
 
 NOISE, CALIBRATION = "noise.wav", "calibration.wav"
 
-LIMITS = description.LIMITS | {".wav": audio.LARGEST, ".flac": audio.LARGEST}
-"""Bytes that a file of a survey may have."""
+LIMITS = description.LIMITS | {".wav": audio.LARGEST, ".flac": audio.LARGEST, "simulated.json": 16 << 20}
+"""Bytes that a file of a survey may have; what a simulated one is made from takes 230 for each pose."""
 
 LONGEST = 1 << 20
 """Samples that a recording of one channel may have."""

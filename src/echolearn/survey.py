@@ -19,6 +19,9 @@ from echolearn.types import BadValue, Pose, Room, check, check_name, check_numbe
 BEGUN = "simulated.json"
 """Written first: what the survey is made from, and the sign that its recordings are nobody's but ours."""
 
+MOST = 20_000
+"""Poses; a manifest, which may have `store.FOREIGN` bytes, has 370 for each."""
+
 NOISE_SECONDS = 5.0
 """How long noise that is not white is recorded alone, unless something else is asked for."""
 
@@ -71,6 +74,7 @@ def survey(
     check_whole("seed", seed, low=0)
     check_pings(pings)
     walk = trajectory(room, poses=poses, start=start)
+    check(len(walk) <= MOST, "poses", poses, allowed=f"at most {MOST}", hint="walk in several surveys")
     for pose in walk:
         check_inside(room, scene.array, pose)
     folder = Path(runs) / "survey" / name
