@@ -11,7 +11,7 @@ import yaml
 from scipy.io import wavfile
 
 from bundle_mutants import Mutate, cut, flip, huge, swap
-from echolearn import provenance, store
+from echolearn import provenance, recording, store
 
 FIRST, SECOND = "observations/0000.wav", "observations/0001.wav"
 FILES = ("survey.yaml", "probe.wav", "poses.csv", "simulated.json", SECOND, "manifest.json")
@@ -26,7 +26,7 @@ def bare(change: Callable[[Path], object], *, sealed: bool = False) -> Mutate:
         (folder / "manifest.json").unlink()
         change(folder)
         if sealed:
-            provenance.seal(folder)
+            store.finish(folder, {"kind": "survey"}, provenance.used(recording.read(folder)))
 
     return mutate
 

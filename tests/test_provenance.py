@@ -1,5 +1,6 @@
 """Manifests of surveys: whoever proves one reads it, and whoever seals one has read it."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -56,3 +57,54 @@ def test_a_survey_that_would_not_be_read_is_not_begun(brief: Scene, tmp_path: Pa
     with pytest.raises(BadValue, match="^poses=20001: at most 20000; walk in several surveys$"):
         survey(name="long", room=ROOM, scene=brief, snr_db=5.0, poses=20_001, runs=tmp_path)
     assert not any(tmp_path.iterdir())
+
+
+# ---------------------------------------------------------------- seals
+
+
+def test_what_is_sealed_is_whole(folder: Path) -> None:
+    assert provenance.prove(folder) == "readable, 2 recordings; there is no manifest.json to prove them by"
+    assert provenance.seal(folder) == 5
+    assert provenance.prove(folder) == "whole, 5 files; readable, 2 recordings"
+    with pytest.raises(BadValue, match="one without manifest.json"):
+        provenance.seal(folder)
+
+
+def absent(folder: Path) -> None:
+    (folder / "b.wav").unlink()
+
+
+def spoilt(folder: Path) -> None:
+    (folder / "b.wav").write_bytes(audio.wav_bytes(np.full((3, 400), np.nan), 22050.0))
+
+
+def noise_of_two(folder: Path) -> None:
+    (folder / "noise.wav").write_bytes(audio.wav_bytes(np.ones((2, 400)), 22050.0))
+
+
+def named_otherwise(folder: Path) -> None:
+    """Two megabytes of a name that says nothing: read without a manifest, but not with one."""
+    probe = noise_probe(burst=100, length=200_000)
+    (folder / "probe.wav").write_bytes(audio.wav_bytes(np.pad(probe.samples, (0, 199_900)), 22050.0))
+    samples = np.random.default_rng(0).standard_normal((3, 200_000))
+    for name in ("a.wav", "b.raw"):
+        (folder / name).write_bytes(audio.wav_bytes(samples, 22050.0))
+    (folder / "poses.csv").write_text((folder / "poses.csv").read_text().replace("b.wav", "b.raw"))
+    assert "readable" in provenance.prove(folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (absent, "b.wav: cannot be read"),
+        (spoilt, "b.wav=NaN"),
+        (noise_of_two, "noise.wav=(2, 400)"),
+        (named_otherwise, "b.raw=2400058 bytes: at most 1048576 bytes"),
+    ],
+)
+def test_what_cannot_be_read_is_not_sealed(folder: Path, change: Callable[[Path], None], message: str) -> None:
+    change(folder)
+    with pytest.raises(BadValue) as refused:
+        provenance.seal(folder)
+    assert str(refused.value).startswith(f"{folder}/{message}")
+    assert not (folder / "manifest.json").exists()
