@@ -1,12 +1,16 @@
 """Worker processes: one thread each, gone with their parent, nothing begun after an error."""
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
+from weakref import ref
 
+import numpy as np
 import pytest
 
 from echolearn.processes import processes, single_threads
@@ -57,6 +61,21 @@ def test_the_environment_is_restored_after_an_error(monkeypatch: pytest.MonkeyPa
     with pytest.raises(KeyError), single_threads():
         raise KeyError
     assert "MKL_NUM_THREADS" not in os.environ
+
+
+@pytest.mark.parametrize("error", [None, KeyError()])
+def test_what_was_there_before_can_be_collected_after(error: Exception | None) -> None:
+    """Also what has become garbage in a circle, which nothing but the collector finds."""
+    circle: list[object] = [np.empty(0)]
+    circle.append(circle)
+    gone = ref(circle[0])  # type: ignore[type-var]
+    with nullcontext() if error is None else pytest.raises(KeyError), processes(1):
+        assert gc.get_freeze_count() > 0
+        if error is not None:
+            raise error
+    del circle
+    gc.collect()
+    assert gc.get_freeze_count() == 0 and gone() is None
 
 
 def test_an_error_cancels_what_has_not_begun() -> None:

@@ -108,7 +108,8 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
         The set's folder, complete.
 
     Raises:
-        BadValue: more shards than a manifest can name, the engine cannot work, the disk is full, or not shared by the workers.
+        BadValue: more shards than a manifest can name, the engine cannot work, or the disk is full, or not shared by
+            the workers.
     """
     folder, shards = folder_of(plan, runs), -(-len(plan) // plan.shard_rows)
     name, allowed = "plan.shard_rows", f"at most {store.MOST} shards of {len(plan)} rows"

@@ -41,12 +41,15 @@ def processes(count: int, *, begin: Callable[[], object] | None = None) -> Itera
     """
     context = get_context("fork" if is_alone() else "spawn")
     gc.freeze()  # what is there stays: looking through it again would only copy it into every process
-    with single_threads(), ProcessPoolExecutor(count, context, initializer=_begin, initargs=(begin,)) as pool:
-        try:
-            yield pool
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    try:
+        with single_threads(), ProcessPoolExecutor(count, context, initializer=_begin, initargs=(begin,)) as pool:
+            try:
+                yield pool
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
+    finally:
+        gc.unfreeze()
 
 
 def is_alone() -> bool:
