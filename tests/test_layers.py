@@ -132,7 +132,8 @@ def test_each_library_is_declared() -> None:
     declared = {re.match(r"[\w-]+", line)[0].lower() for line in wanted}  # type: ignore[index]
     known = packages_distributions() | {"distributed": ["dask"], "omegaconf": ["hydra-core"]}  # parts of those
     foreign = {name for _, name in LIBRARIES if name not in sys.stdlib_module_names}
-    assert {name for name in foreign if not declared & {each.lower().replace("_", "-") for each in known.get(name, [name])}} == set()
+    given = {name: {each.lower().replace("_", "-") for each in known.get(name, [name])} for name in foreign}
+    assert {name for name in foreign if not declared & given[name]} == set()
 
 
 def test_nothing_reads_or_writes_pickles() -> None:

@@ -13,6 +13,9 @@ Array = NDArray[Any]
 SPEED_OF_SOUND = 343.0
 """m/s, the paper's value."""
 
+PARITY = 1e-5
+"""Largest difference in confidence between a trained classifier and its file."""
+
 LATER = MappingProxyType({"later": True})
 """Metadata of a field that came later: left out of digests while it has its default, so that older ones stay."""
 
