@@ -27,9 +27,9 @@ def read(folder: Path) -> tuple[Survey, int]:
     """Read a survey, proved by its manifest first, and return it with the number of files that were proved.
 
     Raises:
-        BadValue: as `check_whole` and `recording.read`, or a file in use that the manifest does not name.
+        BadValue: as `prove_manifest` and `recording.read`, or a file in use that the manifest does not name.
     """
-    entries = check_whole(folder)
+    entries = prove_manifest(folder)
     survey = recording.read(folder)
     for name in used(survey) if entries else ():
         check(
@@ -38,7 +38,7 @@ def read(folder: Path) -> tuple[Survey, int]:
     return survey, len(entries)
 
 
-def check_whole(folder: Path) -> frozenset[str]:
+def prove_manifest(folder: Path) -> frozenset[str]:
     """Prove a survey by its manifest, and return the files that it names; none if there is no manifest.
 
     Raises:
