@@ -23,6 +23,8 @@ def read(folder: Path) -> dict:
     canonical = json.dumps(unsealed, sort_keys=True, separators=(",", ":"))
     if hashlib.sha256(canonical.encode()).hexdigest() != about["sha256"]:
         sys.exit(f"{folder}/bundle.json: damaged")
+    if about["schema"] != 2:
+        sys.exit(f"{folder}/bundle.json: schema {about['schema']} is not what this script reads")
     for name, entry in about["files"].items():
         data = (folder / name).read_bytes()
         if (len(data), hashlib.sha256(data).hexdigest()) != (entry["bytes"], entry["sha256"]):

@@ -225,8 +225,9 @@ BUNDLES |= {
         lambda f: (f / "bundle.json").write_text((f / "bundle.json").read_text().replace("343.0", "NaN")),  # type: ignore[return-value, arg-type]
         "cannot be read as JSON",
     ),
-    "another schema": keys("schema=2: 1; this echolearn reads schema 1", schema=2),
-    "schema as text": keys("schema=1", schema="1"),
+    "a later schema": keys("schema=3: 2; this echolearn reads schema 2; update it or export again", schema=3),
+    "the schema before": keys("schema=1: 2; this echolearn reads schema 2; update it or export", schema=1, parity=1e-7),
+    "schema as text": keys("schema=2", schema="2"),
     "schema true": keys("schema=True", schema=True),
     "another kind": keys("kind=set: bundle", kind="set"),
     "no threshold": keys("without threshold", threshold=...),

@@ -11,7 +11,7 @@ import yaml
 from scipy.io import wavfile
 
 from bundle_mutants import Mutate, cut, flip, huge, swap
-from echolearn import provenance, store
+from echolearn import provenance, recording, store
 
 FIRST, SECOND = "observations/0000.wav", "observations/0001.wav"
 FILES = ("survey.yaml", "probe.wav", "poses.csv", "simulated.json", SECOND, "manifest.json")
@@ -26,7 +26,7 @@ def bare(change: Callable[[Path], object], *, sealed: bool = False) -> Mutate:
         (folder / "manifest.json").unlink()
         change(folder)
         if sealed:
-            provenance.seal(folder)
+            store.finish(folder, {"kind": "survey"}, provenance.used(recording.read(folder)))
 
     return mutate
 
@@ -281,6 +281,7 @@ SURVEYS |= {
     "manifest nested": (lambda f: (f / "manifest.json").write_text("[" * 10**5), "manifest.json: cannot be read"),  # type: ignore[dict-item,return-value]
     "manifest nested, a little": (lambda f: (f / "manifest.json").write_text("[" * 900 + "]" * 900), "manifest.json"),  # type: ignore[dict-item,return-value]
     "manifest of NaN": (lambda f: (f / "manifest.json").write_text('{"files": NaN}'), "manifest.json"),  # type: ignore[dict-item,return-value]
+    "manifest of ten megabytes": (manifest(lambda about: about.update(more="x" * 10**7)), "bytes: at most 8388608"),
     "entry elsewhere": (entry("/etc/passwd"), "manifest.json files: bytes and sha256 of files inside"),
     "entry above": (entry("../outside"), "manifest.json files"),
     "entry around": (entry("observations/../../outside"), "manifest.json files"),

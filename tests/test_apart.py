@@ -1,5 +1,9 @@
 """Each echo as the others leave it, against recordings that hold that echo alone."""
 
+import pickle
+from dataclasses import replace
+from weakref import ref
+
 import numpy as np
 import pytest
 
@@ -118,5 +122,15 @@ def test_a_localizer_and_the_features_share_their_view_and_nobody_keeps_it() -> 
     assert "steered" in vars(held)
     assert view(observation, WINDOW, AZIMUTHS) is held
     assert view(observation, WINDOW, 36) is not held
+    assert view(replace(observation), WINDOW, AZIMUTHS) is not held
+    gone = ref(held)
     del held
-    assert len(observation.views) == 0
+    assert gone() is None
+
+
+def test_recordings_travel_between_processes_also_while_their_view_is_held() -> None:
+    observation = Observation(np.stack([wave(*PAIRS["far apart"][0])]), PROBE, RING)
+    held = view(observation, WINDOW, AZIMUTHS)
+    arrived = pickle.loads(pickle.dumps(observation))
+    assert np.array_equal(arrived.samples, observation.samples)
+    assert view(observation, WINDOW, AZIMUTHS) is held is not view(arrived, WINDOW, AZIMUTHS)

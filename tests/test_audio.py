@@ -63,6 +63,29 @@ def test_float_recordings_survive_bit_by_bit(tmp_path: Path, channels: int, leng
     assert np.array_equal(audio.read_wav(tmp_path / "any.wav", 22050.0), samples)
 
 
+@pytest.mark.parametrize("frames", [1, 200, 399])
+def test_a_file_that_was_cut_is_refused(tmp_path: Path, frames: int) -> None:
+    """Where a disk was full, say: frames of 3 channels of 4 bytes are missing at the end."""
+    data = audio.wav_bytes(SAMPLES, 22050.0)
+    (tmp_path / "cut.wav").write_bytes(data[: len(data) - 12 * frames])
+    with pytest.raises(BadValue) as refused:
+        audio.read_wav(tmp_path / "cut.wav", 22050.0)
+    said = f"finished at {len(data) - 12 * frames} bytes, expected {len(data)} bytes from header."
+    assert str(refused.value) == f"{tmp_path}/cut.wav: cannot be read as WAV (Reached EOF prematurely; {said})"
+
+
+@pytest.mark.parametrize("length", [399, 400])
+def test_other_chunks_and_odd_sizes_are_no_damage(tmp_path: Path, length: int) -> None:
+    """An odd number of bytes is padded to an even one, and whoever recorded may have left a note."""
+    note = b"note" + (5).to_bytes(4, "little") + b"rain\0\0"
+    soundfile.write(tmp_path / "a.wav", SAMPLES[0, :length], 22050, subtype="PCM_24")
+    data = (tmp_path / "a.wav").read_bytes() + note
+    size = (len(data) - 8).to_bytes(4, "little")
+    (tmp_path / "b.wav").write_bytes(data[:4] + size + data[8:])
+    read = audio.read_wav(tmp_path / "b.wav", 22050.0)
+    assert np.array_equal(read, audio.read_wav(tmp_path / "a.wav", 22050.0)) and read.shape == (1, length)
+
+
 # ---------------------------------------------------------------- FLAC
 
 

@@ -139,6 +139,13 @@ def test_a_mistake_is_one_line_and_leaves_nothing_behind(
     assert list(elsewhere.iterdir()) == []
 
 
+def test_a_traceback_leads_to_where_a_configuration_is_wrong() -> None:
+    """Also in a process of its own, where a copy composes it."""
+    _, said = started("generate", "plan=papr", "--traceback").communicate()
+    assert "in compose" in said and "During handling" not in said
+    assert said.endswith("\nerror: plan=papr: plan has no option papr; did you mean paper?\n")
+
+
 def test_a_traceback_is_shown_on_request(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["generate", "plan.step=0", "--traceback"]) == 1
     err = capsys.readouterr().err

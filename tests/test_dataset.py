@@ -56,6 +56,13 @@ def finished(plan: GridPlan, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return generate(plan, runs=tmp_path_factory.mktemp("one"), engine=Serial())
 
 
+def test_a_set_of_more_shards_than_a_manifest_can_name_is_not_begun(scattered: ScatteredPlan, tmp_path: Path) -> None:
+    plan = replace(scattered, rows=store.MOST + 1, shard_rows=1)
+    with pytest.raises(BadValue, match="^plan.shard_rows=1: at most 500000 shards of 500001 rows; make it larger$"):
+        generate(plan, runs=tmp_path, engine=Serial())
+    assert not any(tmp_path.iterdir())
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     """Return every file's bytes by name."""
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}

@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 import yaml
 
-from echolearn import features, recording
-from echolearn.hearing import BLOCK, hear
+from echolearn import audio, features, recording
+from echolearn.hearing import hear
 from echolearn.judge import Heard
 from echolearn.localize.joint import Joint
 from echolearn.localize.matched import Matched
+from echolearn.localize.snls import Snls
 from echolearn.noise.diffuse import Diffuse
 from echolearn.noise.rotor import Rotor
 from echolearn.signals import noise_covariance, noise_psd
 from echolearn.survey import survey
 from echolearn.tables import Comparison, snr_of
-from echolearn.types import BadValue
+from echolearn.types import BadValue, Echoes, Observation
 from world import HALL, POSES, World, plans
 
 SPEED = 343.0
@@ -39,10 +40,37 @@ def test_every_pose_has_its_echo_in_its_place(world: World, heard: Heard) -> Non
     walk = recording.read(world.runs / "survey" / "hall_0dB")
     observation = walk.observe(range(POSES))
     columns = features.describe(Matched(observation, gated.window), gated(observation))
-    assert BLOCK < POSES == len(heard.points)
+    assert recording.BLOCK < POSES == len(heard.points)
     assert set(heard.columns) == set(columns)
     for name, column in columns.items():
         assert np.allclose(heard.columns[name], column, rtol=1e-3, atol=1e-4), name
+
+
+@dataclass(frozen=True)
+class Counted(Snls):
+    """Notes how many recordings it is given at a time."""
+
+    given: list[int] = field(default_factory=list)
+
+    def __call__(self, observation: Observation) -> Echoes:
+        self.given.append(len(observation.samples))
+        return super().__call__(observation)
+
+
+def test_few_long_recordings_are_held_together(world: World, tmp_path: Path) -> None:
+    """Twelve seconds of 6 microphones are 1.6 million samples, of which two are less than 2^22 and three are more."""
+    long, source = 1 << 18, world.runs / "survey" / "hall_0dB"
+    folder = shutil.copytree(source, tmp_path / "walk")
+    walk = recording.read(folder)
+    padded = np.pad(walk.probe.samples, (0, long - len(walk.probe.samples)))
+    (folder / "probe.wav").write_bytes(audio.wav_bytes(padded, walk.probe.sample_rate))
+    samples = np.random.default_rng(0).standard_normal((6, long))
+    (folder / walk.files[0]).write_bytes(audio.wav_bytes(samples, walk.probe.sample_rate))
+    (folder / "poses.csv").write_bytes(recording.poses_csv(walk.poses[:5], walk.files[:1] * 5))
+    localizer = Counted()
+    assert len(hear(folder, localizer, name="walk/snls", resamples=2).points) == 5
+    assert localizer.given == [2, 2, 1]
+    assert recording.blocks(recording.read(source)) == [range(32), range(32, 36)]
 
 
 @pytest.mark.parametrize(("walk", "spelled"), [("hall_0dB", "0"), ("hall_-10dB", "-10")])

@@ -1,9 +1,13 @@
 """Who may import whom: the layers of the project, read from the sources themselves."""
 
 import ast
+import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
+from importlib.metadata import packages_distributions
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -119,6 +123,17 @@ def test_statistics_stand_alone() -> None:
 def test_each_library_is_imported_by_its_owners_only() -> None:
     foreign = {(a, name) for a, name in LIBRARIES if name not in sys.stdlib_module_names}
     assert {(a, name) for a, name in foreign if a not in OWNERS.get(name, set())} == set()
+
+
+def test_each_library_is_declared() -> None:
+    """Not left to those that happen to need it, too."""
+    project = tomllib.loads((SOURCE.parents[1] / "pyproject.toml").read_text())["project"]
+    wanted = [*project["dependencies"], *chain.from_iterable(project["optional-dependencies"].values())]
+    declared = {re.match(r"[\w-]+", line)[0].lower() for line in wanted}  # type: ignore[index]
+    known = packages_distributions() | {"distributed": ["dask"], "omegaconf": ["hydra-core"]}  # parts of those
+    foreign = {name for _, name in LIBRARIES if name not in sys.stdlib_module_names}
+    given = {name: {each.lower().replace("_", "-") for each in known.get(name, [name])} for name in foreign}
+    assert {name for name in foreign if not declared & given[name]} == set()
 
 
 def test_nothing_reads_or_writes_pickles() -> None:

@@ -1,12 +1,16 @@
 """Worker processes: one thread each, gone with their parent, nothing begun after an error."""
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
+from weakref import ref
 
+import numpy as np
 import pytest
 
 from echolearn.processes import processes, single_threads
@@ -59,6 +63,21 @@ def test_the_environment_is_restored_after_an_error(monkeypatch: pytest.MonkeyPa
     assert "MKL_NUM_THREADS" not in os.environ
 
 
+@pytest.mark.parametrize("error", [None, KeyError()])
+def test_what_was_there_before_can_be_collected_after(error: Exception | None) -> None:
+    """Also what has become garbage in a circle, which nothing but the collector finds."""
+    circle: list[object] = [np.empty(0)]
+    circle.append(circle)
+    gone = ref(circle[0])  # type: ignore[type-var]
+    with nullcontext() if error is None else pytest.raises(KeyError), processes(1):
+        assert gc.get_freeze_count() > 0
+        if error is not None:
+            raise error
+    del circle
+    gc.collect()
+    assert gc.get_freeze_count() == 0 and gone() is None
+
+
 def test_an_error_cancels_what_has_not_begun() -> None:
     began = time.monotonic()
     with pytest.raises(KeyError), processes(1) as pool:
@@ -66,3 +85,33 @@ def test_an_error_cancels_what_has_not_begun() -> None:
         raise KeyError
     assert time.monotonic() - began < 30
     assert sum(job.cancelled() for job in waiting) > 50
+
+
+# ---------------------------------------------------------------- a copy that works meanwhile
+
+MEANWHILE = """
+import os, traceback
+from echolearn.processes import meanwhile
+
+class Odd(Exception):
+    def __init__(self, key, *, value):
+        super().__init__(f"{key}={value}")
+
+def deep():
+    raise Odd("step", value=0)
+
+done = []
+assert meanwhile(os.getpid, lambda: done.append(1)) != os.getpid() and done == [1]
+assert meanwhile(lambda: (lambda: 5), lambda: None)() == 5  # which cannot be sent
+try:
+    meanwhile(deep, lambda: done.append(2))
+except Odd as error:
+    print(error, error.__context__, *(frame.name for frame in traceback.extract_tb(error.__traceback__)), done)
+"""
+
+
+def test_an_error_of_the_copy_arises_where_it_arose() -> None:
+    """Whatever its class takes to be made."""
+    environment = {**os.environ, "PYTHONPATH": str(SOURCE)}
+    done = subprocess.run([sys.executable, "-c", MEANWHILE], capture_output=True, text=True, env=environment)
+    assert (done.stdout, done.stderr) == ("step=0 None <module> meanwhile deep [1, 2]\n", "")

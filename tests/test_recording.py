@@ -103,6 +103,12 @@ def test_walls_and_conditions_may_be_left_out(folder: Path) -> None:
     assert survey.conditions == {}
 
 
+def test_levels_that_are_not_known_may_be_null(folder: Path) -> None:
+    known = {"snr_db": None, "sdnr_db": -3, "pings": 4, "weather": "rain"}
+    edit(folder, conditions=known)
+    assert recording.read(folder).conditions == known
+
+
 def test_a_loudspeaker_elsewhere_moves_the_microphones(folder: Path) -> None:
     """An array is told relative to its loudspeaker."""
     edit(folder, loudspeaker=[0.1, -0.2, 0.3])
@@ -260,6 +266,12 @@ def test_what_may_be_beside_the_recordings_is_no_link(folder: Path, name: str) -
         ({"walls": [[0, 0, 0], [1, 0, 0]]}, "walls=[[0, 0, 0], [1, 0, 0]]: many x 2"),
         ({"walls": "brick"}, "walls=brick"),
         ({"conditions": "windy"}, "conditions=windy: a mapping"),
+        ({"conditions": {"snr_db": "loud"}}, "conditions.snr_db=loud dB: a number from -200 to 200 dB; null, or"),
+        ({"conditions": {"sdnr_db": [1.0]}}, "conditions.sdnr_db=[1.0] dB: a number"),
+        ({"conditions": {"snr_db": float("nan")}}, "conditions.snr_db=nan dB: a number"),
+        ({"conditions": {"snr_db": 1e308}}, "conditions.snr_db=1e+308 dB: a number"),
+        ({"conditions": {"pings": 0}}, "conditions.pings=0: a number from 1 to 1e+09"),
+        ({"conditions": {"pings": 2.5}}, "conditions.pings=2.5: a whole number"),
         ({"direct_path": "perhaps"}, "direct_path=perhaps: removed or present"),
         ({"direct_path": True}, "direct_path=True: removed or present"),
     ],

@@ -1,11 +1,13 @@
 """Both engines against closed forms, against each other, and against the laws of a shoebox."""
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from echolearn.geometry import Pose, circular_array, microphone_positions
+from echolearn.rir import machine
 from echolearn.rir.images import Images, fractional_delay
 from echolearn.rir.pyroom import Pyroom, complete_order
 from echolearn.types import Array, BadValue, Responder, Room
@@ -247,3 +249,17 @@ def test_pyroom_needs_a_whole_sample_rate_and_a_bool() -> None:
         Pyroom()(SMALL, SOURCE, MICROPHONES, sample_rate=22050.5, speed_of_sound=SPEED)
     with pytest.raises(BadValue, match=r"rir\.complete=perhaps"):
         Pyroom(complete="perhaps")  # type: ignore[arg-type]
+
+
+def test_code_is_kept_where_the_user_has_a_home_and_beside_the_package_where_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a container whose user the system does not know."""
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    beside, at_home = machine.places()
+    assert at_home == tmp_path / ".cache" / "echolearn"
+    monkeypatch.setenv("HOME", "~")
+    assert machine.places() == [beside]
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert machine.places() == [beside, tmp_path / "echolearn"]

@@ -283,6 +283,39 @@ def test_a_manifest_that_is_none_is_refused(tmp_path: Path, content: bytes) -> N
         store.verify(tmp_path)
 
 
+@pytest.fixture
+def unfinished(tmp_path: Path) -> Path:
+    """Return the folder of a set whose two shards are written, before `finish`."""
+    for index in range(2):
+        store.write_shard(tmp_path, index, np.arange(5.0))
+    return tmp_path
+
+
+def entries(count: int) -> dict[str, object]:
+    """Return what a manifest says of so many shards of a megabyte."""
+    return {store.shard_name(index): {"bytes": 10**6, "sha256": 64 * "0"} for index in range(count)}
+
+
+def test_the_largest_set_is_read_again(tmp_path: Path) -> None:
+    """As many shards as a set may have; ten million rows at 64 in each are 156 250."""
+    manifest = store.stamped({"kind": "set", "files": entries(store.MOST)})
+    store.save_json(tmp_path / store.MANIFEST, manifest)
+    assert store.load_manifest(tmp_path) == manifest
+
+
+def test_a_manifest_that_nobody_would_read_is_not_written(unfinished: Path) -> None:
+    """What the shards are known by stays, so that nothing is lost."""
+    before = {path.name: path.read_bytes() for path in unfinished.iterdir()}
+    names, about = [store.shard_name(0), store.shard_name(1)], {"plan": "x" * 1000}
+    with pytest.raises(BadValue, match=r"1\d\d\d bytes: at most 1000 bytes; it names 2 files; of a set, make plan"):
+        store.finish(unfinished, about, names, largest=1000)
+    assert {path.name: path.read_bytes() for path in unfinished.iterdir()} == before
+    size = len(store.readable(store.finish(unfinished, about, names)))
+    assert store.load_manifest(unfinished, largest=size)["plan"] == "x" * 1000
+    with pytest.raises(BadValue, match=f"={size} bytes: at most {size - 1} bytes"):
+        store.load_manifest(unfinished, largest=size - 1)
+
+
 def test_the_metrics_of_a_run_are_a_manifest_too(tmp_path: Path) -> None:
     store.save_json(tmp_path / "config.json", {"seed": 1})
     written = store.finish(tmp_path, {"auc": 0.5}, ["config.json"], last=store.METRICS)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echolearn import recording, store
+from echolearn import audio, recording, store
 from echolearn.geometry import outline
 from echolearn.hearing import hear
 from echolearn.localize.gated import Gated
@@ -15,7 +15,7 @@ from echolearn.mapping import trajectory
 from echolearn.noise.diffuse import Diffuse
 from echolearn.noise.rotor import Rotor
 from echolearn.simulate import Scene, observe
-from echolearn.survey import survey
+from echolearn.survey import noise_length, survey
 from echolearn.types import BadValue, Room
 
 ROOM = Room((5.0, 4.5, 3.0), 0.2)
@@ -266,6 +266,8 @@ def test_white_noise_is_recorded_alone_where_it_is_asked_for(walk: Walk, finishe
         ({"sdnr_db": "loud"}, "sdnr_db=loud dB"),
         ({"noise_seconds": -1}, "noise_seconds=-1 s"),
         ({"noise_seconds": "long"}, "noise_seconds=long s"),
+        ({"noise_seconds": 0.05}, "noise_seconds=0.05 s: 0, or "),
+        ({"noise_seconds": 127.0}, "noise_seconds=127 s: 0, or "),
     ],
 )
 def test_bad_noises_are_refused_before_anything_is_written(
@@ -275,6 +277,20 @@ def test_bad_noises_are_refused_before_anything_is_written(
         walk(tmp_path, **change)
     assert str(refused.value).startswith(message)
     assert not list(tmp_path.iterdir())
+
+
+def test_noise_may_be_as_long_as_its_reader_takes_it(brief: Scene) -> None:
+    """Six microphones of 4 bytes at 22 050 Hz fill 64 MiB in 126.8 s; a recording of this probe takes 0.3 s."""
+    channels, rate, seconds = 6, 22050, 64 * 2**20 / (4 * 6 * 22050)
+    assert audio.longest(channels) == pytest.approx(seconds * rate, rel=1e-4)
+    assert len(audio.wav_bytes(np.zeros((256, audio.longest(256))), 22050.0)) <= audio.LARGEST
+    assert noise_length(brief, 126.8) == 126.8 < seconds
+    long = replace(brief, probe=replace(brief.probe, length=3 * rate))
+    assert noise_length(long, 3.0) == 3.0
+    with pytest.raises(BadValue, match="^noise_seconds=2.9 s: 0, or 3 to 126.8 s of 6 microphones; noise.wav is as"):
+        noise_length(long, 2.9)
+    with pytest.raises(BadValue, match="^noise_seconds=5 s: 0, or 6 to 126.8 s"):
+        noise_length(replace(long, diffuse=Diffuse(Rotor()), probe=replace(brief.probe, length=6 * rate)), None)
 
 
 def test_a_field_without_a_level_is_refused(walk: Walk, brief: Scene, tmp_path: Path) -> None:

@@ -44,12 +44,14 @@ def read_wav(path: Path, sample_rate: float) -> Array:
     """Return a WAV file's samples as float64, shape (M, N).
 
     Raises:
-        BadValue: not a WAV file, its sample rate is not `sample_rate` Hz, or it holds NaN.
+        BadValue: not a WAV file, it ends before its header says so, its sample rate is not `sample_rate` Hz, or it
+            holds NaN.
     """
     check_size(path, LARGEST)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of chunks besides format and data
+            warnings.filterwarnings("error", "Reached EOF prematurely", wavfile.WavFileWarning)
             rate, samples = wavfile.read(path)
     except Exception as error:  # scipy answers a damaged header with whatever its parser trips over
         raise BadValue(f"{path}: cannot be read as WAV ({' '.join(str(error).split())})") from None
@@ -106,6 +108,11 @@ def check_size(path: Path, limit: int) -> None:
         check(path.is_file(), str(path), "no plain file", allowed="a file")
         size = path.stat().st_size
         check(size <= limit, str(path), f"{size} bytes", allowed=f"at most {limit} bytes")
+
+
+def longest(channels: int) -> int:
+    """Return how many samples of so many channels a WAV file of float32 holds that is not too large to be read."""
+    return (LARGEST - 4096) // (4 * channels)  # headers take less
 
 
 def scaled(samples: Array) -> Array:

@@ -28,8 +28,8 @@ from echolearn.localize import Localizer
 from echolearn.schema import check_text, check_told, part
 from echolearn.types import Array, BadValue, MicArray, Probe, check, check_list, check_number, check_whole
 
-SCHEMA = 1
-"""Version of the format; a reader refuses others."""
+SCHEMA = 2
+"""Version of the format; a reader refuses others. In the first, `parity` was a number."""
 
 GOLDEN = 32
 """Inputs whose confidences travel with the model."""

@@ -20,12 +20,6 @@ from echolearn.mapfiles import Chart, grid, mcap, ply, svg, table
 from echolearn.progress import track
 from echolearn.types import BadValue, Echoes, EchoMap, Observation, check, check_name, check_number
 
-BLOCK = 32
-"""Recordings heard together, at most."""
-
-SAMPLES = 1 << 22
-"""Samples of all microphones heard together, at most, if more than one recording has."""
-
 SCORES = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
 """Metrics that are shown where the room is known."""
 
@@ -125,11 +119,8 @@ def fingerprint(walk: recording.Survey) -> str:
 
 def listen(scorer: Scorer, walk: recording.Survey) -> Heard:
     """Hear every recording of a survey, block by block."""
-    count = len(walk.poses)
-    size = max(1, min(BLOCK, SAMPLES // (len(walk.array) * walk.probe.length)))
-    blocks = [range(start, min(start + size, count)) for start in range(0, count, size)]
     heard = []
-    for block in track(blocks, f"map {walk.folder.name}", unit="blocks"):
+    for block in track(recording.blocks(walk), f"map {walk.folder.name}", unit="blocks"):
         heard.append(scorer.listen(walk.observe(block), [walk.poses[pose] for pose in block]))
     echoes = Echoes(*(np.concatenate([getattr(h.echoes, name) for h in heard]) for name in vars(heard[0].echoes)))
     found = EchoMap(*(np.concatenate([getattr(h.map, name) for h in heard]) for name in vars(heard[0].map)))

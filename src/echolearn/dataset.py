@@ -91,11 +91,14 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
         The set's folder, complete.
 
     Raises:
-        BadValue: the engine cannot work, the disk is full, or not shared by the workers.
+        BadValue: more shards than a manifest can name, the engine cannot work, or the disk is full, or not shared by
+            the workers.
     """
-    folder = folder_of(plan, runs)
+    folder, shards = folder_of(plan, runs), -(-len(plan) // plan.shard_rows)
+    name, allowed = "plan.shard_rows", f"at most {store.MOST} shards of {len(plan)} rows"
+    check(shards <= store.MOST, name, plan.shard_rows, allowed=allowed, hint="make it larger")
     store.clean(folder)
-    names = [store.shard_name(shard) for shard in range(-(-len(plan) // plan.shard_rows))]
+    names = [store.shard_name(shard) for shard in range(shards)]
     missing = store.missing_shards(folder, len(names))
     if missing:
         _simulate(plan, folder, missing, done=len(names) - len(missing), engine=engine)

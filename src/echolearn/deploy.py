@@ -196,7 +196,7 @@ def prove(path: Path) -> str:
         about = load(path).bundle.about
     except BadValue as error:
         try:
-            mend = store.advice(store.load_manifest(path))
+            mend = store.advice(store.load_manifest(path, largest=store.FOREIGN))
         except BadValue:
             mend = "export it again"
         raise BadValue(f"{str(error).removesuffix(f'; {store.MEND}')}; {mend}, or copy it again") from None

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from echolearn import audio
-from echolearn.types import Array, BadValue, Pose, check, check_number
+from echolearn.types import Array, BadValue, Pose, check, check_number, check_whole
 
 LIMITS = {"survey.yaml": 1 << 17, "poses.csv": 4 << 20}
 """Bytes that they may have."""
@@ -19,6 +19,8 @@ LIMITS = {"survey.yaml": 1 << 17, "poses.csv": 4 << 20}
 REQUIRED = ("sample_rate", "speed_of_sound", "microphones", "loudspeaker", "direct_path")
 OPTIONAL = ("walls", "conditions")
 """Keys of `survey.yaml`."""
+
+UNKNOWN = "null, or no such key, where it is not known"
 
 HEADER = ("index", "x_m", "y_m", "z_m", "heading_rad", "file")
 """Columns of `poses.csv`."""
@@ -48,13 +50,23 @@ def read_yaml(path: Path) -> dict[str, Any]:
     _check_known(content, path)
     present, conditions = content["direct_path"], content.get("conditions") or {}
     check(present in ("removed", "present"), f"{path} direct_path", present, allowed="removed or present")
-    check(isinstance(conditions, dict), f"{path} conditions", conditions, allowed="a mapping")
+    _check_conditions(conditions, f"{path} conditions")
     check_number(f"{path} sample_rate", content["sample_rate"], low=1000.0, high=400_000.0, unit="Hz")
     check_number(
         f"{path} speed_of_sound", content["speed_of_sound"], low=100.0, high=2000.0, unit="m/s", hint="air is 343 m/s"
     )
     shapes = {"microphones": (-1, 3), "loudspeaker": (3,)} | ({"walls": (-1, 2)} if content.get("walls") else {})
     return {**content, **{key: _metres(content[key], f"{path} {key}", shape) for key, shape in shapes.items()}}
+
+
+def _check_conditions(conditions: Any, name: str) -> None:
+    """Raise `BadValue` unless conditions are a mapping in which levels and pings, where known, are numbers."""
+    check(isinstance(conditions, dict), name, conditions, allowed="a mapping")
+    for key in ("snr_db", "sdnr_db"):
+        if conditions.get(key) is not None:
+            check_number(f"{name}.{key}", conditions[key], low=-200.0, high=200.0, unit="dB", hint=UNKNOWN)
+    if conditions.get("pings") is not None:
+        check_whole(f"{name}.pings", conditions["pings"], low=1)
 
 
 def _check_plain(text: str) -> None:

@@ -114,12 +114,12 @@ def echo_columns(
     return known if gated.isdisjoint(names) else known | gated_covariances(matched, index, toward)
 
 
-def peak_columns(correlation: Array, index: Array, *, apart: int = 5) -> dict[str, Array]:
+def peak_columns(correlation: Array, index: Array, *, away: int = 5) -> dict[str, Array]:
     """Return the columns that judge the peak of r_1, shape (B, L), at lag indices (B,)."""
     rows = np.arange(len(index))
     peak = correlation[rows, index]
     rms = np.sqrt(np.mean(np.square(correlation), axis=-1))
-    elsewhere = np.abs(np.arange(correlation.shape[-1]) - index[:, None]) >= apart
+    elsewhere = np.abs(np.arange(correlation.shape[-1]) - index[:, None]) >= away
     second = np.max(correlation, axis=-1, where=elsewhere, initial=-np.inf)
     return {"peak_to_rms": ratio(peak, rms), "second_to_first": ratio(second, peak)}
 

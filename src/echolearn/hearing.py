@@ -16,9 +16,6 @@ from echolearn.mapping import echo_map
 from echolearn.signals import joint_db
 from echolearn.types import Array, BadValue, Echoes
 
-BLOCK = 32
-"""Recordings localized together."""
-
 
 def hear(folder: Path, localizer: Localizer, *, name: str, resamples: int) -> Heard:
     """Localize and describe every recording of a survey.
@@ -29,8 +26,7 @@ def hear(folder: Path, localizer: Localizer, *, name: str, resamples: int) -> He
     survey = recording.read(folder)
     if survey.walls is None:
         raise BadValue(f"{folder}/survey.yaml: no walls; an outline is needed to judge a map")
-    blocks = [range(start, min(start + BLOCK, len(survey.poses))) for start in range(0, len(survey.poses), BLOCK)]
-    described = [_describe(survey, localizer, block) for block in blocks]
+    described = [_describe(survey, localizer, block) for block in recording.blocks(survey)]
     columns = {key: np.concatenate([block[key] for _, block in described]) for key in described[0][1]}
     echoes = Echoes(*(np.concatenate([getattr(each, f.name) for each, _ in described]) for f in fields(Echoes)))
     found = echo_map(echoes, survey.poses, array=survey.array, speed_of_sound=survey.speed_of_sound)

@@ -4,8 +4,9 @@
 
 loads the bundle as a robot does, takes the survey's recordings one at a time, observation in, accepted points out, and
 prints one line of JSON. Localizers of other names than the bundle's take its place in turns, in the bundle's window.
-The process does nothing else, so its peak of memory is what a robot needs; seconds are those of one core if
-OMP_NUM_THREADS=1.
+First the walk is taken once with each, a recording read when it is heard and then forgotten, as on a robot: the most
+memory that the process has until then is what a robot needs. Then all recordings are read, so that the seconds of the
+laps are without reading; they are those of one core if OMP_NUM_THREADS=1.
 """
 
 import json
@@ -18,6 +19,7 @@ from typing import Any
 
 from echolearn import bundle, deploy, recording
 from echolearn.deploy import Scorer
+from echolearn.recording import Survey
 from echolearn.timing import Contestant, race
 from echolearn.types import Observation, Pose, check
 
@@ -31,7 +33,7 @@ CLASSIFIER = "classifier"
 def measure(
     folder: Path, survey: Path, localizers: Sequence[str] = (), *, laps: int = LAPS, seconds: float = 1.5
 ) -> dict[str, Any]:
-    """Return the laps of a bundle on a survey, and the peak of this process's memory.
+    """Return the laps of a bundle on a survey, and the memory that it needs if this process has done nothing else.
 
     Args:
         folder: of the bundle.
@@ -42,17 +44,26 @@ def measure(
 
     Returns:
         `laps`, for each localizer and for `classifier` a list of wall and CPU seconds per recording and per input;
-        `recordings` of a lap; `memory` in bytes.
+        `memory` in bytes.
     """
     scorer, walk = deploy.load(folder), recording.read(survey)
-    whole = walk.observe(range(len(walk.poses)))
-    steps = [(replace(whole, samples=samples), pose) for samples, pose in zip(whole.samples, walk.poses, strict=True)]
     names = [*localizers] or [scorer.bundle.about["localizer"]["name"]]
-    contestants = {name: _streaming(_with(scorer, name), steps) for name in names}
+    scorers = {name: _with(scorer, name) for name in names}
+    for pose in range(len(walk.poses)):
+        for each in scorers.values():
+            each.update(*_step(walk, pose))
+    memory = peak_memory()
+    steps = [_step(walk, pose) for pose in range(len(walk.poses))]
+    contestants = {name: _streaming(each, steps) for name, each in scorers.items()}
     one = scorer.bundle.golden[0][:1]
     contestants[CLASSIFIER] = Contestant(lambda: scorer(one))
-    taken = race(contestants, laps=laps, seconds=seconds)
-    return {"laps": taken, "recordings": len(steps), "memory": peak_memory()}
+    return {"laps": race(contestants, laps=laps, seconds=seconds), "memory": memory}
+
+
+def _step(walk: Survey, pose: int) -> tuple[Observation, Pose]:
+    """Return the recording of a numbered pose, samples (M, N), and the pose."""
+    heard = walk.observe([pose])
+    return replace(heard, samples=heard.samples[0]), walk.poses[pose]
 
 
 def _with(scorer: Scorer, name: str) -> Scorer:

@@ -41,12 +41,15 @@ def processes(count: int, *, begin: Callable[[], object] | None = None) -> Itera
     """
     context = get_context("fork" if is_alone() else "spawn")
     gc.freeze()  # what is there stays: looking through it again would only copy it into every process
-    with single_threads(), ProcessPoolExecutor(count, context, initializer=_begin, initargs=(begin,)) as pool:
-        try:
-            yield pool
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    try:
+        with single_threads(), ProcessPoolExecutor(count, context, initializer=_begin, initargs=(begin,)) as pool:
+            try:
+                yield pool
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
+    finally:
+        gc.unfreeze()
 
 
 def is_alone() -> bool:
@@ -62,7 +65,8 @@ def meanwhile(work: Callable[[], T], other: Callable[[], object]) -> T:
     """Return what `work` returns or raise what it raises, done by a copy of this process while this one does `other`.
 
     Args:
-        work: done here, and nothing else, where this process cannot be forked; its result is picklable.
+        work: done here, and nothing else, where this process cannot be forked; done here once more if the copy fails,
+            so that an error comes from where it arose; its result is picklable.
         other: what this process will need anyway.
     """
     if not is_alone():
@@ -73,24 +77,17 @@ def meanwhile(work: Callable[[], T], other: Callable[[], object]) -> T:
     copy.start()
     theirs.close()
     other()
-    try:
-        result, error = ours.recv()
-    except EOFError:  # it could not send it, or was killed
-        return work()
-    copy.join()
-    if error is not None:
-        raise error
-    found: T = result
-    return found
+    with suppress(EOFError):  # it failed, could not send what it found, or was killed
+        found: T = ours.recv()
+        copy.join()
+        return found
+    return work()
 
 
 def _tell(theirs: Connection, work: Callable[[], object]) -> None:
     signal(SIGINT, SIG_DFL)
-    with suppress(OSError, TypeError, AttributeError):
-        try:
-            theirs.send((work(), None))
-        except Exception as error:
-            theirs.send((None, error))
+    with suppress(Exception):
+        theirs.send(work())
 
 
 def keep_memory() -> None:

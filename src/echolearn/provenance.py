@@ -7,7 +7,7 @@ wants to know can write a manifest with `seal`.
 
 from pathlib import Path
 
-from echolearn import recording, store
+from echolearn import audio, recording, store
 from echolearn.recording import LIMITS, Survey
 from echolearn.types import BadValue, check
 
@@ -27,9 +27,9 @@ def read(folder: Path) -> tuple[Survey, int]:
     """Read a survey, proved by its manifest first, and return it with the number of files that were proved.
 
     Raises:
-        BadValue: as `check_whole` and `recording.read`, or a file in use that the manifest does not name.
+        BadValue: as `prove_manifest` and `recording.read`, or a file in use that the manifest does not name.
     """
-    entries = check_whole(folder)
+    entries = prove_manifest(folder)
     survey = recording.read(folder)
     for name in used(survey) if entries else ():
         check(
@@ -38,7 +38,7 @@ def read(folder: Path) -> tuple[Survey, int]:
     return survey, len(entries)
 
 
-def check_whole(folder: Path) -> frozenset[str]:
+def prove_manifest(folder: Path) -> frozenset[str]:
     """Prove a survey by its manifest, and return the files that it names; none if there is no manifest.
 
     Raises:
@@ -48,7 +48,7 @@ def check_whole(folder: Path) -> frozenset[str]:
     if not place.exists():
         return frozenset()
     try:
-        manifest = store.load_manifest(folder)
+        manifest = store.load_manifest(folder, largest=store.FOREIGN)
     except BadValue as error:
         raise BadValue(f"{error}; {CHANGED}") from None
     entries, mend = manifest["files"], f"{CHANGED}; else {store.advice(manifest)}"
@@ -57,21 +57,25 @@ def check_whole(folder: Path) -> frozenset[str]:
         "survey.yaml" in entries, f"{folder / 'survey.yaml'}", "unknown", allowed=f"files that {store.MANIFEST} names"
     )
     for name, entry in entries.items():
-        limit = LIMITS.get(name, LIMITS.get(Path(name).suffix.lower(), OTHER))
+        limit = _limit(name)
         check(entry["bytes"] <= limit, f"{place} {name}", f"{entry['bytes']} bytes", allowed=f"at most {limit}")
         store.prove(folder / name, size=entry["bytes"], expected=entry["sha256"], mend=mend)
     return frozenset(entries)
 
 
 def seal(folder: Path) -> int:
-    """Write the manifest of a survey that has none, and return how many files it names.
+    """Write the manifest of a survey that has none, all of which is read first; return how many files it names.
 
     Raises:
-        BadValue: there is one, or the survey cannot be read.
+        BadValue: there is one, or the survey cannot be read, or not once it has a manifest.
     """
     check(not (folder / store.MANIFEST).exists(), "survey", folder, allowed=f"one without {store.MANIFEST}")
-    names = used(recording.read(folder))
-    store.finish(folder, {"kind": "survey"}, names)
+    survey = recording.read(folder)
+    _hear(survey)
+    names = used(survey)
+    for name in names:
+        audio.check_size(folder / name, _limit(name))
+    store.finish(folder, {"kind": "survey"}, names, largest=store.FOREIGN)
     return len(names)
 
 
@@ -82,8 +86,18 @@ def prove(folder: Path) -> str:
         BadValue: as `read` and `Survey.observe`.
     """
     survey, files = read(folder)
+    _hear(survey)
+    told = f"readable, {len(survey.poses)} recordings"
+    return f"whole, {files} files; {told}" if files else f"{told}; there is no {store.MANIFEST} to prove them by"
+
+
+def _hear(survey: Survey) -> None:
+    """Read every recording of a survey, one at a time, and what is beside them."""
     for pose in range(len(survey.poses)):
         survey.observe([pose])
     survey.noise()
-    told = f"readable, {len(survey.poses)} recordings"
-    return f"whole, {files} files; {told}" if files else f"{told}; there is no {store.MANIFEST} to prove them by"
+
+
+def _limit(name: str) -> int:
+    """Return the bytes that a file of this name may have."""
+    return LIMITS.get(name, LIMITS.get(Path(name).suffix.lower(), OTHER))

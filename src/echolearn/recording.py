@@ -30,11 +30,17 @@ from echolearn.types import Array, MicArray, Observation, Pose, Probe, check
 
 NOISE, CALIBRATION = "noise.wav", "calibration.wav"
 
-LIMITS = description.LIMITS | {".wav": audio.LARGEST, ".flac": audio.LARGEST}
-"""Bytes that a file of a survey may have."""
+LIMITS = description.LIMITS | {".wav": audio.LARGEST, ".flac": audio.LARGEST, "simulated.json": 16 << 20}
+"""Bytes that a file of a survey may have; what a simulated one is made from takes 230 for each pose."""
 
 LONGEST = 1 << 20
 """Samples that a recording of one channel may have."""
+
+BLOCK = 32
+"""Recordings heard together, at most."""
+
+SAMPLES = 1 << 22
+"""Samples of all microphones heard together, at most, if more than one recording has."""
 
 INSIDE = "a path inside the survey's folder"
 
@@ -131,6 +137,13 @@ class Survey:
         samples = audio.read(path, self.probe.sample_rate, shape=expected)
         check(bool(samples.any()), str(path), "silence", allowed="a recording", hint="was the recorder running?")
         return samples
+
+
+def blocks(survey: Survey) -> list[range]:
+    """Return which poses are heard together, all of them in order: few enough that their recordings fit into memory."""
+    count = len(survey.poses)
+    size = max(1, min(BLOCK, SAMPLES // (len(survey.array) * survey.probe.length)))
+    return [range(start, min(start + size, count)) for start in range(0, count, size)]
 
 
 def resampled(observation: Observation, rate: float | None) -> Observation:

@@ -13,12 +13,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from echolearn import store
-from echolearn.types import check, check_list, check_number, check_whole
+from echolearn.types import PARITY, check, check_list, check_number, check_whole
 
 TEXTS = ("classifier", "name", "run", "trained_on")
-PARITY = 1e-5
-"""Largest difference between a trained object and its model."""
-
 FIGURE = ("value", "ci_low", "ci_high")
 
 

@@ -29,15 +29,18 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from echolearn.types import Array, BadValue
+from echolearn.types import Array, BadValue, check
 
 MANIFEST = "manifest.json"
 METRICS = "metrics.json"
 BUNDLE = "bundle.json"
 """A folder is finished when it has one of the three: a manifest, the metrics of a trained run, or a bundle's."""
 
-LARGEST = 8 << 20
-"""Bytes that a manifest may have; it holds about a hundred for each file."""
+LARGEST, FOREIGN = 64 << 20, 8 << 20
+"""Bytes that a manifest may have, and one from a stranger; it holds about 130 for each file."""
+
+MOST = 500_000
+"""Shards of a set, so that its manifest is within `LARGEST`."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors against which more room helps."""
@@ -217,7 +220,9 @@ def one_line(error: BaseException) -> str:
     return " ".join(str(error).split())
 
 
-def finish(folder: Path, about: Mapping[str, Any], files: Iterable[str], *, last: str = MANIFEST) -> dict[str, Any]:
+def finish(
+    folder: Path, about: Mapping[str, Any], files: Iterable[str], *, last: str = MANIFEST, largest: int = LARGEST
+) -> dict[str, Any]:
     """Declare a folder finished: write its manifest, with size and SHA-256 of each file, last of all.
 
     Args:
@@ -225,14 +230,20 @@ def finish(folder: Path, about: Mapping[str, Any], files: Iterable[str], *, last
         about: what describes them; the key `command`, if any, is what `verify` advises against damage.
         files: their names, relative to `folder`.
         last: name of the manifest, `MANIFEST`, `METRICS` or `BUNDLE`.
+        largest: bytes that the manifest may have, as who reads it will limit it.
 
     Returns:
         The manifest.
+
+    Raises:
+        BadValue: the manifest would be larger, or cannot be written. The folder is as it was.
     """
     folder = Path(folder)
     entries = {name: {"bytes": (folder / name).stat().st_size, "sha256": sha256(folder / name)} for name in files}
     manifest = stamped({**about, "files": entries})
-    save_json(folder / last, manifest)
+    text, hint = readable(manifest), f"it names {len(entries)} files; of a set, make plan.shard_rows: larger"
+    check(len(text) <= largest, f"{folder / last}", f"{len(text)} bytes", allowed=f"at most {largest} bytes", hint=hint)
+    write_atomic(folder / last, text)
     for spent in folder.glob("shard-*.json"):
         spent.unlink()
     return manifest
@@ -245,8 +256,12 @@ def stamped(content: Mapping[str, Any]) -> dict[str, Any]:
     return {**json.loads(text), "sha256": hashlib.sha256(text).hexdigest()}
 
 
-def load_manifest(folder: Path) -> dict[str, Any]:
+def load_manifest(folder: Path, *, largest: int = LARGEST) -> dict[str, Any]:
     """Return the manifest of a finished folder, or a run's metrics or bundle's, proved against its own checksum.
+
+    Args:
+        folder: where it is.
+        largest: bytes that it may have; `FOREIGN` if a stranger may have made it.
 
     Raises:
         BadValue: the folder is not finished, or the manifest is damaged.
@@ -255,8 +270,7 @@ def load_manifest(folder: Path) -> dict[str, Any]:
     if not last:
         raise BadValue(f"{folder}: not finished, there is no {MANIFEST}, {METRICS} or {BUNDLE}; {MEND}")
     size = last[0].stat().st_size
-    if size > LARGEST:
-        raise BadValue(f"{last[0]}={size} bytes: at most {LARGEST} bytes; {MEND}")
+    check(size <= largest, str(last[0]), f"{size} bytes", allowed=f"at most {largest} bytes", hint=MEND)
     found = load_json(last[0])
     try:
         manifest = stamped(found if isinstance(found, dict) else {})

@@ -1,5 +1,6 @@
 """Simulate a robot's walk through a room and store it in the recorded-survey format (`recording.py`)."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,9 @@ from echolearn.types import BadValue, Pose, Room, check, check_name, check_numbe
 
 BEGUN = "simulated.json"
 """Written first: what the survey is made from, and the sign that its recordings are nobody's but ours."""
+
+MOST = 20_000
+"""Poses; a manifest, which may have `store.FOREIGN` bytes, has 370 for each."""
 
 NOISE_SECONDS = 5.0
 """How long noise that is not white is recorded alone, unless something else is asked for."""
@@ -70,6 +74,7 @@ def survey(
     check_whole("seed", seed, low=0)
     check_pings(pings)
     walk = trajectory(room, poses=poses, start=start)
+    check(len(walk) <= MOST, "poses", poses, allowed=f"at most {MOST}", hint="walk in several surveys")
     for pose in walk:
         check_inside(room, scene.array, pose)
     folder = Path(runs) / "survey" / name
@@ -87,15 +92,27 @@ def survey(
     _write(folder, walk, room=room, scene=scene, seed=seed, told=_told(**levels, pings=pings))
     noise = [recording.NOISE] if alone else []
     files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
-    store.finish(folder, about | store.made_by(command), files)
+    store.finish(folder, about | store.made_by(command), files, largest=store.FOREIGN)
     return folder
 
 
 def noise_length(scene: Scene, seconds: float | None) -> float:
-    """Return the length of `noise.wav` in s, 0 for none."""
+    """Return the length of `noise.wav` in s, 0 for none.
+
+    Raises:
+        BadValue: a file of that length would not be read: it is too large, or shorter than a recording.
+    """
     if seconds is None:
-        return 0.0 if scene.diffuse is None and isinstance(scene.noise, White) else NOISE_SECONDS
+        seconds = 0.0 if scene.diffuse is None and isinstance(scene.noise, White) else NOISE_SECONDS
     check_number("noise_seconds", seconds, low=0.0, high=600.0, unit="s")
+    if seconds == 0:
+        return 0.0
+    rate, channels = scene.probe.sample_rate, len(scene.array)
+    least = max(0.1, scene.probe.length / rate)
+    most = max(least, audio.longest(channels) / rate)
+    allowed = f"0, or {math.ceil(least * 100) / 100:g} to {math.floor(most * 10) / 10:g} s of {channels} microphones"
+    hint = f"{recording.NOISE} is as long as a recording, and has at most {audio.LARGEST >> 20} MiB"
+    check(least <= seconds <= most, "noise_seconds", f"{seconds:g} s", allowed=allowed, hint=hint)
     return float(seconds)
 
 

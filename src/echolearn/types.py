@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Protocol
-from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,9 @@ Array = NDArray[Any]
 
 SPEED_OF_SOUND = 343.0
 """m/s, the paper's value."""
+
+PARITY = 1e-5
+"""Largest difference in confidence between a trained classifier and its file."""
 
 LATER = MappingProxyType({"later": True})
 """Metadata of a field that came later: left out of digests while it has its default, so that older ones stay."""
@@ -194,8 +196,6 @@ class Observation:
         noise_covariance: of the same noise between microphones at those frequencies (`signals.noise_covariance`), shape
             (F, M, M); None if unknown.
         sample_rate: of the recordings, in Hz, where it is known apart from the probe's; localizers refuse another.
-        views: what is being computed of these recordings and is still in use, so that stages share it
-            (`localize.matched.view`); a copy begins without.
     """
 
     samples: Array
@@ -205,9 +205,6 @@ class Observation:
     noise_psd: Array | None = None
     sample_rate: float | None = None
     noise_covariance: Array | None = None
-    views: WeakValueDictionary[object, Any] = field(
-        default_factory=WeakValueDictionary, init=False, repr=False, compare=False
-    )
 
 
 @dataclass(frozen=True)

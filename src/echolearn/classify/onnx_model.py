@@ -21,10 +21,7 @@ import torch
 from echolearn.classify.calibration import Calibrated
 from echolearn.classify.inputs import Inputs, blocks
 from echolearn.classify.onnx_graph import Unknown, translate
-from echolearn.types import Array
-
-PARITY = 1e-5
-"""Largest difference in confidence between a classifier and its file."""
+from echolearn.types import PARITY, Array
 
 TRIALS = 10_000
 """Inputs on which the two are compared, at least."""
@@ -71,7 +68,7 @@ def export(fitted: Calibrated, x: Inputs) -> Proved:
         x: inputs to compare on, shape (B, ...); others are added, up to `TRIALS` and extreme ones among them.
 
     Raises:
-        RuntimeError: the difference exceeds 1e-5.
+        RuntimeError: the difference exceeds `PARITY`.
     """
     data = to_onnx(Confidence(fitted.classifier.scorer(), fitted.slope, fitted.intercept), shape=x.shape[1:])
     score, names = open_onnx(data), fitted.classifier.inputs

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -141,15 +142,19 @@ class Matched:
         return np.sum(np.square(gate), axis=-1)
 
 
+VIEWS: WeakValueDictionary[tuple[int, SearchWindow, int], Matched] = WeakValueDictionary()
+"""Views that somebody holds. Each holds its observation, so that no other has the same identity meanwhile."""
+
+
 def view(observation: Observation, window: SearchWindow, azimuths: int = 180) -> Matched:
     """Return the matched-filter view of recordings; while somebody holds it, everybody gets the same.
 
     So a localizer and the features that describe its echoes share the steered response, half of the work of both.
     """
-    key = (window, azimuths)
-    found = observation.views.get(key)
+    key = (id(observation), window, azimuths)
+    found = VIEWS.get(key)
     if found is None:
-        found = observation.views[key] = Matched(observation, window, azimuths)
+        found = VIEWS[key] = Matched(observation, window, azimuths)
     return found
 
 

@@ -60,9 +60,11 @@ def identity() -> str:
 
 
 def places() -> list[Path]:
-    """Return the folders where the code may be kept, the best one first."""
-    user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
-    return [Path(__file__).parent / "__pycache__", user / "echolearn"]
+    """Return the folders where the code may be kept, the best one first; a user without a home has but one."""
+    found = [Path(__file__).parent / "__pycache__"]
+    with suppress(RuntimeError):  # as `expanduser` says that there is no home
+        found.append(Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "echolearn")
+    return found
 
 
 def kept(path: Path) -> bytes | None:
