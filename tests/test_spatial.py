@@ -188,7 +188,7 @@ def test_under_a_robots_own_rotors_it_holds_the_map_that_plain_whitening_loses()
     """Four rotors beside the array; in a diffuse field, which no weights can remove, it loses nothing."""
     scene = Scene(RING, signals.noise_probe(length=8000), Images(), White(), diffuse=ARMS)
     both = {"plain": Joint(whiten=True), "spatial": Joint(whiten="spatial")}
-    study = Study("sdnr_db", [-35.0], ROOM, scene, both, positions=4, trials=12)
+    study = Study("sdnr_db", [-35.0], ROOM, scene, both, positions=24, trials=48)
     plain, weighted = listen(study, -35.0)["hit"][:, :2, METRICS.index("on_map")].mean(axis=0)
     assert weighted >= 0.85
     assert weighted >= plain + 0.5
