@@ -10,7 +10,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from echolearn import bundle, store
+from echolearn import bundle, disk, store
 
 Mutate = Callable[[Path], None]
 FILES = ("bundle.json", "model.onnx", "golden.npz", "probe.wav")
@@ -25,11 +25,11 @@ def seal(folder: Path, **changes: Any) -> None:
     about = {key: value for key, value in (about | changes).items() if value is not ...}
     if isinstance(about.get("files"), dict) and "files" not in changes:
         about["files"] = {
-            name: {"bytes": (folder / name).stat().st_size, "sha256": store.sha256(folder / name)}
+            name: {"bytes": (folder / name).stat().st_size, "sha256": disk.sha256(folder / name)}
             for name in bundle.LIMITS
             if (folder / name).is_file()
         }
-    (folder / "bundle.json").write_bytes(store.readable(store.stamped(about)))
+    (folder / "bundle.json").write_bytes(disk.readable(store.stamped(about)))
 
 
 def keys(said: str, **changes: Any) -> tuple[Mutate, str]:

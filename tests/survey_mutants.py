@@ -11,7 +11,7 @@ import yaml
 from scipy.io import wavfile
 
 from bundle_mutants import Mutate, cut, flip, huge, swap
-from echolearn import provenance, recording, store
+from echolearn import disk, provenance, recording, store
 
 FIRST, SECOND = "observations/0000.wav", "observations/0001.wav"
 FILES = ("survey.yaml", "probe.wav", "poses.csv", "simulated.json", SECOND, "manifest.json")
@@ -118,7 +118,7 @@ def manifest(change: Callable[[dict[str, Any]], object]) -> Mutate:
     def mutate(folder: Path) -> None:
         about = json.loads((folder / "manifest.json").read_text())
         change(about)
-        (folder / "manifest.json").write_bytes(store.readable(store.stamped(about)))
+        (folder / "manifest.json").write_bytes(disk.readable(store.stamped(about)))
 
     return mutate
 

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import reference
-from echolearn import dataset, features, store
+from echolearn import dataset, disk, features, store
 from echolearn.dataset import Dataset, folder_of, generate, plain, split
 from echolearn.engine.processes import Processes
 from echolearn.engine.serial import Serial
@@ -386,7 +386,7 @@ def test_damage_is_named_with_the_command_that_was_given(finished: Path, plan: G
     (folder / "shard-00004.npy").unlink()
     with pytest.raises(BadValue, match=r"; run again: echolearn generate plan=few plan\.seed=7$"):
         Dataset(folder)
-    assert Dataset(finished).digest == store.digest(store.load_manifest(folder)["files"])
+    assert Dataset(finished).digest == disk.digest(store.load_manifest(folder)["files"])
 
 
 @pytest.mark.parametrize("beside", [True, False])
@@ -396,7 +396,7 @@ def test_a_damaged_manifest_is_mended(finished: Path, plan: GridPlan, tmp_path: 
     whole, path = contents(folder), folder / store.MANIFEST
     entries = store.load_manifest(folder)["files"] if beside else {}
     for name, entry in entries.items():
-        store.save_json(store.sidecar(folder / name), entry)
+        disk.save_json(store.sidecar(folder / name), entry)
     path.write_bytes(whole[path.name].replace(b'"rows": 18', b'"rows": 19'))
     written = [(folder / store.shard_name(shard)).stat().st_mtime_ns for shard in range(5)]
     generate(plan, runs=tmp_path, engine=Processes(2))

@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 from distributed import Client
 
-from echolearn import dataset, store
+from echolearn import dataset, disk, store
 from echolearn.cli import main
 from echolearn.config import build, compose, folder
 from echolearn.dataset import generate
@@ -231,9 +231,9 @@ def test_shards_that_do_not_arrive_are_missed(tmp_path: Path, monkeypatch: pytes
 def test_a_worker_that_does_not_find_the_mark_writes_nothing(tmp_path: Path) -> None:
     """The folder of the same path may exist on another machine, too."""
     place = tmp_path / "data"
-    with store.presence(place) as mark:
+    with disk.presence(place) as mark:
         assert mark.is_file()
-        store.clean(place)
+        disk.clean(place)
         assert mark.is_file()
     assert not place.exists()
     with pytest.raises(BadValue, match=f"^runs={place}: a folder that all workers see"):
@@ -254,7 +254,7 @@ def test_a_worker_computes_the_same_wherever_the_arrays_of_a_job_lie(
     plan = plan_of(SMALL)
     object.__setattr__(plan.scene.array, "positions", at_an_odd_byte(plan.scene.array.positions))
     object.__setattr__(plan.scene.probe, "samples", at_an_odd_byte(plan.scene.probe.samples))
-    with store.presence(elsewhere) as mark:
+    with disk.presence(elsewhere) as mark:
         for shard in range(6):
             alone(partial(dataset._write, plan, mark), versions(), shard)
     assert shards(contents(elsewhere)) == shards(whole(SMALL))

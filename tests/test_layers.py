@@ -17,7 +17,7 @@ import echolearn
 SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
-    types literal timing processes progress config store engine markers geometry matching signals coverage stats
+    types literal timing processes progress config disk store engine markers geometry matching signals coverage stats
     audio description direct recording provenance noise localize rir features metrics mapping guard schema bundle
     deploy onboard lines mapfiles cartography simulate plans records dataset survey judge hearing classify task training
     trained tables figures report compare trials curves places study expected pages export bench launch commands cli
@@ -25,8 +25,8 @@ ORDER = """
 """A part imports only parts that stand before it; a folder is one part."""
 
 ROBOT = {
-    *"types store geometry matching signals coverage audio description recording localize features metrics".split(),
-    *"mapping guard schema bundle deploy onboard timing provenance progress direct lines mapfiles cartography".split(),
+    *"types disk store geometry matching signals coverage audio description recording localize features".split(),
+    *"metrics mapping guard schema bundle deploy onboard timing provenance progress direct lines mapfiles cartography".split(),
 }
 """Parts that run on a robot: numpy and scipy, YAML where surveys are read, onnxruntime where bundles are loaded; rich
 for bars, soundfile for FLAC and rosbags for bags where they are installed."""
@@ -113,7 +113,7 @@ def test_what_runs_on_a_robot_imports_only_what_runs_on_a_robot() -> None:
 
 
 def test_classifiers_know_nothing_of_rooms_and_recordings() -> None:
-    assert {b for a, b in EDGES if a == "classify"} <= {"classify", "types", "store"}
+    assert {b for a, b in EDGES if a == "classify"} <= {"classify", "types", "disk"}
 
 
 def test_statistics_stand_alone() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echolearn import audio, provenance, recording, store
+from echolearn import audio, disk, provenance, recording, store
 from echolearn.dataset import plain
 from echolearn.geometry import circular_array, outline
 from echolearn.mapping import trajectory
@@ -42,9 +42,9 @@ def test_what_a_long_walk_is_made_from_is_not_too_large(brief: Scene, tmp_path: 
     files = [f"observations/{index:04d}.wav" for index in range(most)]
     (few / "poses.csv").write_bytes(recording.poses_csv(walk, files))
     assert (few / "poses.csv").stat().st_size < recording.LIMITS["poses.csv"]
-    about = store.load_json(few / "simulated.json")
+    about = disk.load_json(few / "simulated.json")
     about["made_from"]["walk"] = plain(walk)
-    store.save_json(few / "simulated.json", about)
+    disk.save_json(few / "simulated.json", about)
     for name in files[2:]:
         (few / name).hardlink_to(few / files[1])
     names = ["survey.yaml", "probe.wav", "poses.csv", "simulated.json", *files]

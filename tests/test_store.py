@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from echolearn import store
+from echolearn import disk, store
 from echolearn.types import BadValue
 
 PLAIN = st.recursive(
@@ -28,7 +28,7 @@ def finished(folder: Path) -> dict[str, bytes]:
     """Make a small finished folder and return its bytes by file name."""
     for index in range(2):
         store.write_shard(folder, index, np.arange(5.0) + index)
-    store.save_json(folder / "config.json", {"plan": {"step": 0.5}})
+    disk.save_json(folder / "config.json", {"plan": {"step": 0.5}})
     names = [store.shard_name(0), store.shard_name(1), "config.json"]
     store.finish(folder, {"rows": 10, "command": "echolearn generate plan=tiny"}, names)
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
@@ -46,26 +46,26 @@ def python(code: str, *args: object) -> subprocess.Popen[str]:
 
 def test_a_digest_is_the_sha256_of_the_canonical_text() -> None:
     """The golden value was computed with `printf '{"a":1,"b":[0.1,null]}' | sha256sum`."""
-    assert store.canonical({"b": [0.1, None], "a": 1}) == b'{"a":1,"b":[0.1,null]}'
-    assert store.digest({"b": [0.1, None], "a": 1}) == "e4a9ad4b9681"
+    assert disk.canonical({"b": [0.1, None], "a": 1}) == b'{"a":1,"b":[0.1,null]}'
+    assert disk.digest({"b": [0.1, None], "a": 1}) == "e4a9ad4b9681"
 
 
 @given(PLAIN)
 def test_a_digest_survives_json_and_the_order_of_keys(plain: object) -> None:
-    assert store.digest(json.loads(json.dumps(plain))) == store.digest(plain)
+    assert disk.digest(json.loads(json.dumps(plain))) == disk.digest(plain)
     if isinstance(plain, dict):
-        assert store.digest(dict(reversed(plain.items()))) == store.digest(plain)
+        assert disk.digest(dict(reversed(plain.items()))) == disk.digest(plain)
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.floats(allow_nan=False, allow_infinity=False))
 def test_different_floats_have_different_digests(a: float, b: float) -> None:
-    assert (store.digest(a) == store.digest(b)) == (repr(a) == repr(b))
+    assert (disk.digest(a) == disk.digest(b)) == (repr(a) == repr(b))
 
 
 @pytest.mark.parametrize("bad", [float("nan"), {"x": float("inf")}, object(), np.zeros(2)])
 def test_what_json_cannot_hold_has_no_digest(bad: object) -> None:
     with pytest.raises(BadValue, match="plain finite"):
-        store.digest(bad)
+        disk.digest(bad)
 
 
 # ---------------------------------------------------------------- whole or absent
@@ -75,8 +75,8 @@ def test_what_json_cannot_hold_has_no_digest(bad: object) -> None:
 def test_an_array_comes_back_as_it_was(array: np.ndarray) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "deeper" / "a.npy"
-        store.save_array(path, array)
-        back = store.open_array(path, size=path.stat().st_size, sha256=store.sha256(path))
+        disk.save_array(path, array)
+        back = disk.open_array(path, size=path.stat().st_size, sha256=disk.sha256(path))
         np.testing.assert_array_equal(back, array)
         assert back.dtype == array.dtype
         assert not back.flags.writeable
@@ -85,23 +85,23 @@ def test_an_array_comes_back_as_it_was(array: np.ndarray) -> None:
 def test_an_array_of_python_objects_is_neither_written_nor_read(tmp_path: Path) -> None:
     path = tmp_path / "a.npy"
     with pytest.raises(ValueError, match="allow_pickle"):
-        store.save_array(path, np.array([{}], dtype=object))
+        disk.save_array(path, np.array([{}], dtype=object))
     assert list(tmp_path.iterdir()) == []
     np.save(path, np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(BadValue, match="not a plain array"):
-        store.open_array(path, size=path.stat().st_size, sha256=store.sha256(path))
+        disk.open_array(path, size=path.stat().st_size, sha256=disk.sha256(path))
 
 
 def test_an_error_in_the_middle_leaves_the_old_file_and_no_temporary(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
-    store.write_atomic(path, b"old")
+    disk.write_atomic(path, b"old")
 
     def broken(file: object) -> None:
         file.write(b"new, half of")  # type: ignore[attr-defined]
         raise RuntimeError("stop")
 
     with pytest.raises(RuntimeError, match="stop"):
-        store.write_atomic(path, broken)
+        disk.write_atomic(path, broken)
     assert path.read_bytes() == b"old"
     assert [p.name for p in tmp_path.iterdir()] == ["a.bin"]
 
@@ -109,7 +109,7 @@ def test_an_error_in_the_middle_leaves_the_old_file_and_no_temporary(tmp_path: P
 KILLED = """
 import sys, time
 from pathlib import Path
-from echolearn import store
+from echolearn import disk, store
 
 def slowly(file):
     file.write(b"new" * 10_000)
@@ -117,7 +117,7 @@ def slowly(file):
     print("half", flush=True)
     time.sleep(60)
 
-store.write_atomic(Path(sys.argv[1]), slowly)
+disk.write_atomic(Path(sys.argv[1]), slowly)
 """
 
 
@@ -125,15 +125,15 @@ store.write_atomic(Path(sys.argv[1]), slowly)
 def test_sigkill_in_the_middle_leaves_the_old_file_or_none(tmp_path: Path, old: bytes | None) -> None:
     path = tmp_path / "a.bin"
     if old is not None:
-        store.write_atomic(path, old)
+        disk.write_atomic(path, old)
     with python(KILLED, path) as writer:
         assert writer.stdout is not None
         assert writer.stdout.readline() == "half\n"
-        store.clean(tmp_path)
+        disk.clean(tmp_path)
         assert len(list(tmp_path.glob(".*.tmp"))) == 1, "a living writer keeps its temporary"
         writer.send_signal(signal.SIGKILL)
     assert (path.read_bytes() if path.exists() else None) == old
-    store.clean(tmp_path)
+    disk.clean(tmp_path)
     assert list(tmp_path.iterdir()) == ([path] if old is not None else [])
 
 
@@ -141,7 +141,7 @@ SHARDS = """
 import sys
 from pathlib import Path
 import numpy as np
-from echolearn import store
+from echolearn import disk, store
 
 print("start", flush=True)
 for index in range(400):
@@ -159,7 +159,7 @@ def test_sigkill_at_any_moment_never_leaves_a_shard_that_counts_but_is_wrong(del
             writer.stdout.readline()
             time.sleep(delay)
             writer.kill()
-        store.clean(folder)
+        disk.clean(folder)
         missing = set(store.missing_shards(folder, 400))
         for index in sorted(set(range(400)) - missing):
             np.testing.assert_array_equal(np.load(folder / store.shard_name(index)), np.full(200, index))
@@ -170,7 +170,7 @@ FULL = """
 import resource, sys
 from pathlib import Path
 import numpy as np
-from echolearn import store
+from echolearn import disk, store
 from echolearn.types import BadValue
 
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
@@ -199,7 +199,7 @@ def test_a_full_disk_gives_one_clear_line_and_nothing_half_written(tmp_path: Pat
             full.write(b"second part")
 
     with pytest.raises(BadValue) as caught:
-        store.write_atomic(tmp_path / "a.bin", on_full_disk)
+        disk.write_atomic(tmp_path / "a.bin", on_full_disk)
     assert str(caught.value).endswith(
         "a.bin: cannot be written (No space left on device); make room and run the same command again"
     )
@@ -299,7 +299,7 @@ def entries(count: int) -> dict[str, object]:
 def test_the_largest_set_is_read_again(tmp_path: Path) -> None:
     """As many shards as a set may have; ten million rows at 64 in each are 156 250."""
     manifest = store.stamped({"kind": "set", "files": entries(store.MOST)})
-    store.save_json(tmp_path / store.MANIFEST, manifest)
+    disk.save_json(tmp_path / store.MANIFEST, manifest)
     assert store.load_manifest(tmp_path) == manifest
 
 
@@ -310,17 +310,17 @@ def test_a_manifest_that_nobody_would_read_is_not_written(unfinished: Path) -> N
     with pytest.raises(BadValue, match=r"1\d\d\d bytes: at most 1000 bytes; it names 2 files; of a set, make plan"):
         store.finish(unfinished, about, names, largest=1000)
     assert {path.name: path.read_bytes() for path in unfinished.iterdir()} == before
-    size = len(store.readable(store.finish(unfinished, about, names)))
+    size = len(disk.readable(store.finish(unfinished, about, names)))
     assert store.load_manifest(unfinished, largest=size)["plan"] == "x" * 1000
     with pytest.raises(BadValue, match=f"={size} bytes: at most {size - 1} bytes"):
         store.load_manifest(unfinished, largest=size - 1)
 
 
 def test_the_metrics_of_a_run_are_a_manifest_too(tmp_path: Path) -> None:
-    store.save_json(tmp_path / "config.json", {"seed": 1})
+    disk.save_json(tmp_path / "config.json", {"seed": 1})
     written = store.finish(tmp_path, {"auc": 0.5}, ["config.json"], last=store.METRICS)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["config.json", "metrics.json"]
-    assert store.verify(tmp_path) == written == store.load_json(tmp_path / store.METRICS)
+    assert store.verify(tmp_path) == written == disk.load_json(tmp_path / store.METRICS)
     content = (tmp_path / store.METRICS).read_bytes().replace(b"0.5", b"0.7")
     (tmp_path / store.METRICS).write_bytes(content)
     with pytest.raises(BadValue, match=r"metrics\.json: damaged, its SHA-256 differs; make it again as it was made$"):

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from echolearn import config, metrics, store, training
+from echolearn import config, disk, metrics, store, training
 from echolearn.classify import batches
 from echolearn.classify.inputs import Rows
 from echolearn.classify.nets import Mlp
@@ -140,7 +140,7 @@ class TestRun:
         folder = runs / "train" / result["run"]
         assert result["run"].startswith("some-toy-s2-")
         saved = json.loads((folder / "config.json").read_text())
-        assert saved["classifier"] == keys and result["run"].endswith(store.digest(saved))
+        assert saved["classifier"] == keys and result["run"].endswith(disk.digest(saved))
         assert json.loads((folder / "metrics.json").read_text()) == result
 
     def test_file_scores_the_test_rows_as_reported(self, done: Done) -> None:
@@ -187,7 +187,7 @@ class TestTrust:
     def test_any_flipped_bit_is_refused_and_mended(self, toy: Dataset, run: Path, tmp_path: Path, name: str) -> None:
         expected = {path.name: path.read_bytes() for path in run.iterdir() if path.suffix in (".json", ".onnx")}
         whole = expected[name]
-        advice = store.MEND if name == "metrics.json" else f"run again: {re.escape(COMMAND)}"
+        advice = disk.MEND if name == "metrics.json" else f"run again: {re.escape(COMMAND)}"
         for place in range(0, len(whole), len(whole) // 40):
             (run / name).write_bytes(whole[:place] + bytes([whole[place] ^ 1 << place % 8]) + whole[place + 1 :])
             with pytest.raises(BadValue, match=rf"{name}: .*; {advice}$"):
@@ -208,9 +208,9 @@ class TestTrust:
         assert result["command"] == COMMAND and (run / "metrics.json").read_bytes() == before
 
     def test_a_renamed_run_is_not_taken_for_another(self, toy: Dataset, run: Path, tmp_path: Path) -> None:
-        identity = store.load_json(run / "config.json")
+        identity = disk.load_json(run / "config.json")
         identity["task"]["seed"] = 1
-        run.rename(run.parent / f"some-toy-s1-{store.digest(identity)}")
+        run.rename(run.parent / f"some-toy-s1-{disk.digest(identity)}")
         with pytest.raises(BadValue, match="another run"):
             train(Task(toy, seed=1), THRESHOLD, tmp_path)
 

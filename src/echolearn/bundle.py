@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 import echolearn.localize
-from echolearn import features, guard, store
+from echolearn import disk, features, guard, store
 from echolearn.geometry import SearchWindow
 from echolearn.localize import Localizer
 from echolearn.schema import check_text, check_told, part
@@ -102,10 +102,10 @@ def _parse(text: bytes, name: str) -> dict[str, Any]:
     """Return the content of `bundle.json`, proved against its own checksum, its keys and names of files checked."""
     try:
         about = json.loads(text, parse_constant=_refuse)
-        whole = isinstance(about, dict) and store.readable(store.stamped(about)) == text
+        whole = isinstance(about, dict) and disk.readable(store.stamped(about)) == text
     except (ValueError, RecursionError, AttributeError) as error:
-        raise BadValue(f"{name}: cannot be read as JSON ({store.one_line(error)}); {store.MEND}") from None
-    check(whole, name, "damaged", allowed="as echolearn export wrote it", hint=f"its SHA-256 differs; {store.MEND}")
+        raise BadValue(f"{name}: cannot be read as JSON ({disk.one_line(error)}); {disk.MEND}") from None
+    check(whole, name, "damaged", allowed="as echolearn export wrote it", hint=f"its SHA-256 differs; {disk.MEND}")
     check(about.get("kind") == "bundle", f"{name} kind", about.get("kind"), allowed="bundle")
     hint = f"this echolearn reads schema {SCHEMA}; update it or export again"
     schema = about.get("schema")
@@ -127,7 +127,7 @@ def _proved(path: Path, entry: Any, *, limit: int) -> bytes:
     """Return the bytes of a file, if they have the size and SHA-256 that its entry says."""
     data = guard.read(path, limit=limit)
     found = {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-    check(found == entry, str(path), "damaged", allowed="the size and SHA-256 in bundle.json", hint=store.MEND)
+    check(found == entry, str(path), "damaged", allowed="the size and SHA-256 in bundle.json", hint=disk.MEND)
     return data
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import deploy, metrics, provenance, recording, store
+from echolearn import deploy, disk, metrics, provenance, recording, store
 from echolearn.deploy import Heard, Scorer
 from echolearn.direct import WAYS
 from echolearn.mapfiles import Chart, grid, mcap, ply, svg, table
@@ -113,7 +113,7 @@ def check_fit(scorer: Scorer, walk: recording.Survey) -> None:
 def fingerprint(walk: recording.Survey) -> str:
     """Return the digest of all files of a survey that a map depends on."""
     known = [name for name in provenance.used(walk) if (walk.folder / name).is_file()]
-    sums = "".join(f"{name} {store.sha256(walk.folder / name)}\n" for name in known)
+    sums = "".join(f"{name} {disk.sha256(walk.folder / name)}\n" for name in known)
     return hashlib.sha256(sums.encode()).hexdigest()
 
 
@@ -162,12 +162,12 @@ def _finished(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def _write(folder: Path, chart: Chart, about: Mapping[str, Any], *, ros: bool) -> None:
-    store.clean(folder)
-    store.clean(folder / mcap.FOLDER)
+    disk.clean(folder)
+    disk.clean(folder / mcap.FOLDER)
     if not ros:
         mcap.remove(folder)  # that of the map before
     writers = (table, ply, grid, svg, *((mcap,) if ros else ()))
     files = {name: content for writer in writers for name, content in writer.write(chart).items()}
     for name, content in files.items():
-        store.write_atomic(folder / name, content)
+        disk.write_atomic(folder / name, content)
     store.finish(folder, about, files)

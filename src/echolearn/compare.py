@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from echolearn import judge, report, store
+from echolearn import disk, judge, report, store
 from echolearn.dataset import Dataset, plain
 from echolearn.hearing import hear
 from echolearn.judge import Answer, Heard, Row, Sheet
@@ -79,7 +79,7 @@ def compare(
     inputs = {
         "runs": {run.identity: run.metrics["model"]["sha256"] for run in trained},
         "sets": {key: value.digest for key, value in sets.items()},
-        "surveys": {key: store.digest(store.verify(value)["files"]) for key, value in walks.items()},
+        "surveys": {key: disk.digest(store.verify(value)["files"]) for key, value in walks.items()},
         "localizers": plain(dict(localizers)),
         "resamples": resamples,
         "report": report.FORMAT,
@@ -99,11 +99,11 @@ def _is_finished(folder: Path, inputs: Mapping[str, Any]) -> bool:
 
 
 def _write(folder: Path, contest: Comparison, *, about: Mapping[str, Any]) -> None:
-    store.clean(folder)
+    disk.clean(folder)
     files = {"results.csv": to_csv(contest.rows, COLUMNS), "tests.csv": to_csv(contest.tests, TEST_COLUMNS)}
     files |= report.make(contest, name=folder.name)
     for file, content in files.items():
-        store.write_atomic(folder / file, content)
+        disk.write_atomic(folder / file, content)
     store.finish(folder, about, files)
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import store
+from echolearn import disk, store
 from echolearn.engine import Engine
 from echolearn.plans import Plan
 from echolearn.progress import track
@@ -75,7 +75,7 @@ def noise_kind(scene: Mapping[str, Any], *, sensor: bool = True) -> str:
 
 def folder_of(plan: Plan, runs: Path) -> Path:
     """Return the folder of a plan's set, named after the digest of the plan."""
-    return Path(runs) / "data" / f"{plan.name}-{store.digest({'format': FORMAT, 'plan': plain(plan)})}"
+    return Path(runs) / "data" / f"{plan.name}-{disk.digest({'format': FORMAT, 'plan': plain(plan)})}"
 
 
 def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = None) -> Path:
@@ -97,7 +97,7 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
     folder, shards = folder_of(plan, runs), -(-len(plan) // plan.shard_rows)
     name, allowed = "plan.shard_rows", f"at most {store.MOST} shards of {len(plan)} rows"
     check(shards <= store.MOST, name, plan.shard_rows, allowed=allowed, hint="make it larger")
-    store.clean(folder)
+    disk.clean(folder)
     names = [store.shard_name(shard) for shard in range(shards)]
     missing = store.missing_shards(folder, len(names))
     if missing:
@@ -110,7 +110,7 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
 
 def _simulate(plan: Plan, folder: Path, missing: list[int], *, done: int, engine: Engine) -> None:
     """Write the missing shards."""
-    with store.presence(folder.resolve()) as mark, closing(engine(partial(_write, plan, mark), missing)) as jobs:
+    with disk.presence(folder.resolve()) as mark, closing(engine(partial(_write, plan, mark), missing)) as jobs:
         for _ in track(jobs, f"generate {folder.name}", total=done + len(missing), unit="shards", done=done):
             pass
     _await([store.sidecar(folder / store.shard_name(shard)) for shard in missing])
@@ -151,11 +151,11 @@ class Dataset:
         self.manifest = store.load_manifest(self.folder)
         check(self.manifest.get("kind") == "set", "set", self.folder, allowed="a folder written by echolearn generate")
         self.name: str = self.manifest["plan"]["name"]
-        self.digest: str = store.digest(self.manifest["files"])
+        self.digest: str = disk.digest(self.manifest["files"])
         mend = store.advice(self.manifest)
         files = sorted(self.manifest["files"].items())
         self._shards = [
-            store.open_array(self.folder / name, size=entry["bytes"], sha256=entry["sha256"], mend=mend)
+            disk.open_array(self.folder / name, size=entry["bytes"], sha256=entry["sha256"], mend=mend)
             for name, entry in files
         ]
         self._ends = np.cumsum([len(shard) for shard in self._shards])
@@ -201,7 +201,7 @@ class Dataset:
             start = stops[index - 1] if index else 0
             here, first = order[start : stops[index]], self._ends[index] - len(self._shards[index])
             found[here] = self._shards[index][name][ordered[start : stops[index]] - first]
-            store.let_go(self._shards[index])
+            disk.let_go(self._shards[index])
         return found
 
 

@@ -23,7 +23,7 @@ from threading import Timer
 import numpy as np
 import onnxruntime
 
-from echolearn import bundle, features, store
+from echolearn import bundle, disk, features, store
 from echolearn.geometry import wrap
 from echolearn.localize.matched import Matched, view
 from echolearn.mapping import echo_map
@@ -199,7 +199,7 @@ def prove(path: Path) -> str:
             mend = store.advice(store.load_manifest(path, largest=store.FOREIGN))
         except BadValue:
             mend = "export it again"
-        raise BadValue(f"{str(error).removesuffix(f'; {store.MEND}')}; {mend}, or copy it again") from None
+        raise BadValue(f"{str(error).removesuffix(f'; {disk.MEND}')}; {mend}, or copy it again") from None
     trained = (
         f"model within {about['parity']['difference']:.1e} of the trained one on {about['parity']['trials']} inputs"
     )

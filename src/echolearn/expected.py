@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from echolearn import curves, stats, store
+from echolearn import curves, disk, stats, store
 from echolearn.types import BadValue
 
 
@@ -116,7 +116,7 @@ def read(path: Path) -> list[Expectation]:
         with path.open(newline="") as file:
             return [_expectation(row) for row in csv.DictReader(file)]
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
-        raise BadValue(f"{path}: cannot be read ({store.one_line(error)})") from None
+        raise BadValue(f"{path}: cannot be read ({disk.one_line(error)})") from None
 
 
 def _expectation(row: Mapping[str, str]) -> Expectation:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import echolearn
-from echolearn import audio, bundle, deploy, features, judge, metrics, store, tables
+from echolearn import audio, bundle, deploy, disk, features, judge, metrics, store, tables
 from echolearn.classify.inputs import COVARIANCE, as_input, view_of
 from echolearn.dataset import Dataset, plain
 from echolearn.tables import Comparison, Contestant
@@ -78,9 +78,9 @@ def export(
     _check_free(folder, source)
     files = pack(source, dataset, probe)
     if not _is_finished(folder, about, files):
-        store.clean(folder)
+        disk.clean(folder)
         for file, content in files.items():
-            store.write_atomic(folder / file, content)
+            disk.write_atomic(folder / file, content)
         store.finish(folder, about, files, last=store.BUNDLE)
     _prove(folder)
     return folder

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from echolearn import store
+from echolearn import disk
 from echolearn.types import BadValue, check
 
 
@@ -34,7 +34,7 @@ def around(page: Path, markers: Markers) -> tuple[str, str]:
     try:
         text = Path(page).read_bytes().decode()
     except (OSError, ValueError) as error:
-        raise BadValue(f"{name}={page}: cannot be read ({store.one_line(error)})") from None
+        raise BadValue(f"{name}={page}: cannot be read ({disk.one_line(error)})") from None
     before, *between = text.split(begin)
     rest = between[0].split(end) if len(between) == 1 else []
     check(len(rest) == 2 and end not in before, name, page, allowed=f"a file with one {begin} and then one {end}")
@@ -46,7 +46,7 @@ def write_between(page: Path, text: str, markers: Markers) -> None:
     around(page, markers)
     with alone_in(Path(page).parent):
         before, after = around(page, markers)
-        store.write_atomic(Path(page), f"{before}\n{text}\n{after}".encode())
+        disk.write_atomic(Path(page), f"{before}\n{text}\n{after}".encode())
 
 
 @contextmanager

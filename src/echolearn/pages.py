@@ -6,7 +6,7 @@ Beside the page lies a folder of its name: figures are copied there, and its `ex
 import shlex
 from pathlib import Path
 
-from echolearn import expected, store
+from echolearn import disk, expected, store
 from echolearn.markers import Markers, around, write_between
 
 EXPECTED = Markers("<!-- expected: written by `echolearn study` -->", "<!-- end of expected -->", "page")
@@ -53,5 +53,5 @@ def section(folder: Path, page: Path) -> str:
 def copy(picture: Path, page: Path, name: str) -> str:
     """Copy a figure into the page's folder; return what shows it."""
     place = page.parent / page.stem / f"{name}_{picture.name}"
-    store.write_atomic(place, picture.read_bytes())
+    disk.write_atomic(place, picture.read_bytes())
     return f"![{name}: {picture.stem.replace('_', ' ')}]({page.stem}/{place.name})"

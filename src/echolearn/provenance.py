@@ -7,7 +7,7 @@ wants to know can write a manifest with `seal`.
 
 from pathlib import Path
 
-from echolearn import audio, recording, store
+from echolearn import audio, disk, recording, store
 from echolearn.recording import LIMITS, Survey
 from echolearn.types import BadValue, check
 
@@ -59,7 +59,7 @@ def prove_manifest(folder: Path) -> frozenset[str]:
     for name, entry in entries.items():
         limit = _limit(name)
         check(entry["bytes"] <= limit, f"{place} {name}", f"{entry['bytes']} bytes", allowed=f"at most {limit}")
-        store.prove(folder / name, size=entry["bytes"], expected=entry["sha256"], mend=mend)
+        disk.prove(folder / name, size=entry["bytes"], expected=entry["sha256"], mend=mend)
     return frozenset(entries)
 
 

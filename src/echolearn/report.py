@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import store
+from echolearn import disk
 from echolearn.judge import Heard, Row
 from echolearn.markers import Markers, write_between
 from echolearn.tables import (
@@ -199,4 +199,4 @@ def show(folder: Path, *, readme: Path | None) -> None:
         write_between(readme, table, RESULTS)
         picture = folder / "figures" / "maps_first.svg"
         if picture.is_file():
-            store.write_atomic(Path(readme).parent / "docs" / "before_after.svg", picture.read_bytes())
+            disk.write_atomic(Path(readme).parent / "docs" / "before_after.svg", picture.read_bytes())

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import curves, places, stats, store
+from echolearn import curves, disk, places, stats, store
 from echolearn.dataset import plain
 from echolearn.geometry import SearchWindow, check_inside
 from echolearn.localize import Localizer
@@ -164,11 +164,11 @@ def run(
     folder = Path(runs) / "study" / name
     about = {"kind": "study", "format": curves.FORMAT, "study": plain(study), "resamples": resamples}
     if not _is_finished(folder, about):
-        estimates = folder / f"estimates-{store.digest(plain(study))}"
+        estimates = folder / f"estimates-{disk.digest(plain(study))}"
         _listen(study, estimates, workers=workers)
         files = curves.make(name, study.vary, _judged(study, estimates, resamples=resamples))
         for file, content in files.items():
-            store.write_atomic(folder / file, content)
+            disk.write_atomic(folder / file, content)
         store.finish(folder, about | store.made_by(command), files)
         for outdated in {*folder.glob("estimates-*")} - {estimates}:
             shutil.rmtree(outdated)
@@ -181,12 +181,12 @@ def _is_finished(folder: Path, about: Mapping[str, Any]) -> bool:
         manifest = store.verify(folder)
     except BadValue:
         return False
-    return store.canonical({key: manifest.get(key) for key in about}) == store.canonical(about)
+    return disk.canonical({key: manifest.get(key) for key in about}) == disk.canonical(about)
 
 
 def _listen(study: Study, folder: Path, *, workers: int) -> None:
     """Write the shard of every value that has none yet."""
-    store.clean(folder)
+    disk.clean(folder)
     count = len(study.values)
     missing = store.missing_shards(folder, count)
     with processes(max(1, min(workers, len(missing)))) as pool:

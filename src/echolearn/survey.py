@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import audio, recording, store
+from echolearn import audio, disk, recording, store
 from echolearn.dataset import noise_kind, plain
 from echolearn.geometry import check_inside, outline
 from echolearn.mapping import trajectory
@@ -83,12 +83,12 @@ def survey(
     about = {"kind": "survey", "made_from": plain({"room": room, "scene": scene, "walk": walk, "seed": seed, **told})}
     if _is_finished(folder, about):
         return folder
-    store.clean(folder)
-    store.save_json(folder / BEGUN, about)
+    disk.clean(folder)
+    disk.save_json(folder / BEGUN, about)
     if alone:
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 1)))
         heard = noise_alone(room, walk[0], scene, seconds=alone, rng=rng, pings=pings, **levels)
-        store.write_atomic(folder / recording.NOISE, audio.wav_bytes(heard, scene.probe.sample_rate))
+        disk.write_atomic(folder / recording.NOISE, audio.wav_bytes(heard, scene.probe.sample_rate))
     _write(folder, walk, room=room, scene=scene, seed=seed, told=_told(**levels, pings=pings))
     noise = [recording.NOISE] if alone else []
     files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
@@ -159,13 +159,13 @@ def _write(
     for index, pose in enumerate(track(walk, f"survey {folder.name}", unit="poses")):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
         observation, _ = observe(room, pose, scene, rng=rng, **levels)
-        store.write_atomic(folder / names[index], audio.wav_bytes(observation.samples, scene.probe.sample_rate))
+        disk.write_atomic(folder / names[index], audio.wav_bytes(observation.samples, scene.probe.sample_rate))
     padded = np.pad(scene.probe.samples, (0, scene.probe.length - len(scene.probe.samples)))
-    store.write_atomic(folder / "probe.wav", audio.wav_bytes(padded, scene.probe.sample_rate))
-    store.write_atomic(folder / "poses.csv", recording.poses_csv(walk, names))
+    disk.write_atomic(folder / "probe.wav", audio.wav_bytes(padded, scene.probe.sample_rate))
+    disk.write_atomic(folder / "poses.csv", recording.poses_csv(walk, names))
     noise = noise_kind(plain(scene), sensor="snr_db" in told)
     conditions = {**told, "noise": noise, "room": list(room.size), "t60": room.t60}
     about = recording.describe(
         scene.array, scene.probe, speed_of_sound=scene.speed_of_sound, walls=outline(room), conditions=conditions
     )
-    store.write_atomic(folder / "survey.yaml", about)
+    disk.write_atomic(folder / "survey.yaml", about)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import stats, store
+from echolearn import disk, stats, store
 from echolearn.classify.inputs import COVARIANCE, view_of
 from echolearn.dataset import Dataset, noise_kind, split
 from echolearn.judge import Answer, Heard, Sheet
@@ -90,7 +90,7 @@ def load_runs(runs: Path) -> list[Run]:
         BadValue: one is damaged, or two differ in their settings, but not in classifier, set and seed.
     """
     present = {
-        store.digest(store.load_manifest(path.parent)["files"]) for path in (runs / "data").glob(f"*/{store.MANIFEST}")
+        disk.digest(store.load_manifest(path.parent)["files"]) for path in (runs / "data").glob(f"*/{store.MANIFEST}")
     }
     folders = sorted(path.parent for path in (runs / "train").glob("*/metrics.json"))
     found = [Run(folder, store.load_manifest(folder)) for folder in folders]

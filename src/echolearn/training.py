@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import metrics, store
+from echolearn import disk, metrics, store
 from echolearn.classify import Classifier
 from echolearn.classify.calibration import Calibrated, calibrate
 from echolearn.classify.inputs import Rows, as_input
@@ -64,7 +64,7 @@ def train(
     check_name("name", name)
     check(folds in (0, *range(2, 21)), "folds", folds, allowed="0, or from 2 to 20")
     identity = {"format": FORMAT, "name": name, "classifier": dict(config), "task": task.identity(), "folds": folds}
-    folder = Path(runs) / "train" / f"{name}-{task.dataset.name}-s{task.seed}-{store.digest(identity)}"
+    folder = Path(runs) / "train" / f"{name}-{task.dataset.name}-s{task.seed}-{disk.digest(identity)}"
     done = finished(folder, identity)
     if done is not None:
         return done
@@ -82,10 +82,10 @@ def finished(folder: Path, identity: Mapping[str, Any]) -> dict[str, Any] | None
     """
     try:
         result = store.verify(folder)
-        config = store.load_json(folder / "config.json")
+        config = disk.load_json(folder / "config.json")
     except BadValue:
         return None
-    same = store.canonical(config) == store.canonical(identity)
+    same = disk.canonical(config) == disk.canonical(identity)
     check(same, str(folder), "another run", allowed="the run its name stands for", hint="was it renamed? remove it")
     return result
 
@@ -103,7 +103,7 @@ def run(
     model = classifier()
     x, y, parts = task.inputs(model.inputs), task.labels(), task.parts()
     shutil.rmtree(folder, ignore_errors=True)
-    store.save_json(folder / "config.json", identity)
+    disk.save_json(folder / "config.json", identity)
     fitted = fit(model, task, x, y, parts=parts, folder=folder)
     fitting = time.monotonic() - began
     answers = {part: fitted.confidence(x.part(rows)) for part, rows in parts._asdict().items() if part != "train"}
@@ -124,7 +124,7 @@ def run(
     }
     log(folder, identity, result, reference=y[parts.test], confidence=answers["test"])
     seconds = {"fit": round(fitting, 3), "total": round(time.monotonic() - began, 3)}
-    store.save_json(folder / "timing.json", seconds)
+    disk.save_json(folder / "timing.json", seconds)
     say(result, seconds["total"])
     return store.finish(folder, result, ["config.json", "model.onnx"], last=store.METRICS)
 
@@ -163,8 +163,8 @@ def export(fitted: Calibrated, x: Rows, folder: Path) -> dict[str, Any]:
     from echolearn.classify import onnx_model
 
     data, parity, trials = onnx_model.export(fitted, x)
-    store.write_atomic(folder / "model.onnx", data)
-    return {"sha256": store.sha256(folder / "model.onnx"), "parity": parity, "trials": trials}
+    disk.write_atomic(folder / "model.onnx", data)
+    return {"sha256": disk.sha256(folder / "model.onnx"), "parity": parity, "trials": trials}
 
 
 def log(

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import store
+from echolearn import disk, store
 from echolearn.bench import Measurement, Setting, times
 from echolearn.classify.inputs import COVARIANCE, view_of
 from echolearn.dataset import Dataset
@@ -40,7 +40,7 @@ def finished(setting: Setting) -> list[Run]:
 def training(setting: Setting) -> Iterator[Measurement]:
     """Return how long each run took to be fitted and in all, by its own record."""
     for run in finished(setting):
-        spent = store.load_json(run.folder / "timing.json")
+        spent = disk.load_json(run.folder / "timing.json")
         for measure in ("fit", "total"):
             about = ("train", run.identity, "rows", run.metrics["rows"]["train"], measure, "s")
             yield Measurement(*about, [spent[measure]], group=run.classifier)
@@ -50,7 +50,7 @@ def inference(setting: Setting) -> Iterator[Measurement]:
     """Time each run's model per observation, one row at a time and many."""
     sets: dict[str, Dataset] = {}
     for folder in sorted((setting.runs / "data").glob(f"*/{store.MANIFEST}")):
-        digest = store.digest(store.load_manifest(folder.parent)["files"])
+        digest = disk.digest(store.load_manifest(folder.parent)["files"])
         sets[digest] = Dataset(folder.parent)
     for run in track(finished(setting), "bench models", unit="runs"):
         if run.data_digest not in sets:

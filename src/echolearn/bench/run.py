@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from echolearn import report, store
+from echolearn import disk, report, store
 from echolearn.bench import COLUMNS, Measurement, Setting
 from echolearn.bench.localizers import localizers
 from echolearn.bench.models import inference, training
@@ -132,7 +132,7 @@ def measured(stages: Sequence[str], setting: Setting) -> tuple[list[Measurement]
                 raise
             except Exception as error:
                 failed.append(stage)
-                print(f"bench {stage}: {type(error).__name__}: {store.one_line(error)}", file=sys.stderr, flush=True)
+                print(f"bench {stage}: {type(error).__name__}: {disk.one_line(error)}", file=sys.stderr, flush=True)
     return found, failed
 
 
@@ -148,17 +148,17 @@ def results(found: Sequence[Measurement], machine: Mapping[str, Any]) -> dict[st
         "bench.md": ("\n\n".join(parts) + "\n").encode(),
         "bench.csv": to_csv((exact(m.row()) for m in found), COLUMNS),
         "repetitions.csv": every(found),
-        "machine.json": store.readable(machine),
+        "machine.json": disk.readable(machine),
     }
 
 
 def write(folder: Path, files: Mapping[str, bytes], about: Mapping[str, str]) -> None:
     """Write the results in place of older ones, and then their manifest."""
-    store.clean(folder)
+    disk.clean(folder)
     for old in (folder / "figures").glob("*.svg"):
         old.unlink()
     for name, content in files.items():
-        store.write_atomic(folder / name, content)
+        disk.write_atomic(folder / name, content)
     store.finish(folder, {"kind": "benchmark", **about}, files)
 
 

@@ -39,7 +39,7 @@ from echolearn.classify.inputs import (
     view_of,
 )
 from echolearn.classify.standardise import Standardise
-from echolearn.store import write_atomic
+from echolearn.disk import write_atomic
 from echolearn.types import Array, check, check_number, check_whole
 
 

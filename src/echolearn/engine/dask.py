@@ -29,9 +29,9 @@ from typing import TYPE_CHECKING, Any
 from threadpoolctl import threadpool_limits
 
 import echolearn
+from echolearn.disk import load_json
 from echolearn.engine import T
 from echolearn.processes import single_threads
-from echolearn.store import load_json
 from echolearn.types import BadValue, check, check_number, check_whole
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from llvmlite import binding as llvm
 
-from echolearn import store
+from echolearn import disk
 from echolearn.types import BadValue
 
 TAPS = 8  # width of psi, in samples of the grid
@@ -80,7 +80,7 @@ def keep(code: bytes, name: str) -> None:
     """Write the code, its checksum before it, to the first place that can be written, if any."""
     for place in places():
         with suppress(BadValue):
-            store.write_atomic(place / name, sha256(code).digest() + code)
+            disk.write_atomic(place / name, sha256(code).digest() + code)
             break
 
 
