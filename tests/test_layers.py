@@ -26,7 +26,8 @@ ORDER = """
 
 ROBOT = {
     *"types disk store geometry matching signals coverage audio description recording localize features".split(),
-    *"metrics mapping guard schema bundle deploy onboard timing provenance progress direct lines mapfiles cartography".split(),
+    *"metrics mapping guard schema bundle deploy onboard timing provenance progress direct lines".split(),
+    *"mapfiles cartography".split(),
 }
 """Parts that run on a robot: numpy and scipy, YAML where surveys are read, onnxruntime where bundles are loaded; rich
 for bars, soundfile for FLAC and rosbags for bags where they are installed."""
