@@ -4,7 +4,7 @@ import csv
 from pathlib import Path
 
 import pytest
-from scipy.stats import binomtest
+from scipy.stats import fisher_exact
 
 from echolearn import config, expected
 from echolearn.expected import Expectation, Share
@@ -15,52 +15,56 @@ TABLE = Path(__file__).parents[1] / "docs" / "studies" / "expected.csv"
 EXPECTATIONS = expected.read(TABLE)
 
 
-def verdict(found, *, share=float("nan"), **about):
-    """Return the last column for one share that was found."""
-    return Expectation("it", "study", AT, share, why="The weather.", **about).row(found)[-1]
+def row(found, *, share=float("nan"), more=(), before="", **about):
+    """Return the cells of one expectation beside a share that was found at `AT`, and at the values of `more`."""
+    each = Expectation("it", "study", AT, share, source="us", why="The weather.", **about)
+    known = {AT: found, **{(*AT[:2], at): other for at, other in more}} if found else {}
+    table = expected.tabulate([each], {"study": known}, before=before)
+    return [cell.strip() for cell in table.splitlines()[-1].strip("|").split("|")]
 
 
-def test_a_share_agrees_within_the_interval_of_what_was_counted_or_with_it_in_its_own():
-    low, high = binomtest(33, 40).proportion_ci(method="wilson")
-    counted = {"share": 0.825, "trials": 40}
-    assert verdict({AT: Share(low + 0.001, low - 0.1, low + 0.01, 100)}, **counted) == "yes"
-    assert verdict({AT: Share(high - 0.001, high - 0.01, 1.0, 100)}, **counted) == "yes"
-    assert verdict({AT: Share(low - 0.001, low - 0.1, 0.83, 100)}, **counted) == "yes"
-    assert verdict({AT: Share(low - 0.001, low - 0.1, 0.82, 100)}, **counted) == "no. The weather."
-    assert verdict({AT: Share(high + 0.001, 0.83, 1.0, 100)}, **counted) == "no. The weather."
+def test_counted_shares_are_held_against_each_other_by_fishers_test():
+    cells = row(Share(0.51, 0.455, 0.57, 200), share=0.725, trials=40)
+    p = fisher_exact([[29, 11], [102, 98]]).pvalue
+    assert cells[:4] == ["it", "72.5 [57.2, 83.9], n = 40", "us", "51 [45.5, 57], n = 200"]
+    assert cells[4:] == [f"{p:.2g}", f"{p:.2g}", "no. The weather."]
+    assert row(Share(0.8, 0.7, 0.85, 200), share=0.825, trials=40)[-1] == "yes"
 
 
-def test_a_figure_among_those_of_single_positions_is_told_from_one_that_is_nowhere():
-    counted = {"share": 0.825, "trials": 40}
-    among = "with single positions, 20 to 90. The weather."
-    assert verdict({AT: Share(0.5, 0.4, 0.6, 100, 0.2, 0.9)}, **counted) == among
-    assert verdict({AT: Share(0.5, 0.4, 0.6, 100, 0.2, 0.8)}, **counted) == "no. The weather."
-    assert verdict({AT: Share(0.5, 0.4, 0.6, 100, 0.2, 1.0)}, share=0.9, limit=">=") == "no. The weather."
+def test_of_many_rows_the_correction_is_holms():
+    """Of two, the smaller p counts double: 0.04 alone is a difference, beside another row it is none."""
+    shares = {AT: Share(0.515, 0.4, 0.6, 200), ("snls", "toa", "0"): Share(0.9, 0.8, 1.0, 200)}
+    first = Expectation("one", "study", AT, 0.7, trials=40, why="The weather.")
+    second = Expectation("two", "study", ("snls", "toa", "0"), 0.9, trials=40)
+    lines = expected.tabulate([first, second], {"study": shares}).splitlines()[2:]
+    p = fisher_exact([[28, 12], [103, 97]]).pvalue
+    assert 0.025 < p < 0.05
+    assert lines[0].endswith(f"| {p:.2g} | {2 * p:.2g} | not told apart. The weather. |")
+    assert lines[1].endswith("| 1 | 1 | yes |")
+    assert row(shares[AT], share=0.7, trials=40)[-1] == "no. The weather."
 
 
 def test_a_figure_without_trials_must_lie_in_the_interval():
-    assert verdict({AT: Share(0.7, 0.6, 0.8, 100)}, share=0.8, trials=None) == "yes"
-    assert verdict({AT: Share(0.7, 0.6, 0.79, 100)}, share=0.8, trials=None) == "no. The weather."
+    assert row(Share(0.7, 0.6, 0.8, 100), share=0.8)[4:] == ["", "", "yes"]
+    assert row(Share(0.7, 0.6, 0.79, 100), share=0.8)[-1] == "no. The weather."
 
 
 def test_a_limit_is_met_by_the_share_itself():
-    assert verdict({AT: Share(0.14, 0.1, 0.2, 100)}, share=0.15, limit="<") == "yes"
-    assert verdict({AT: Share(0.25, 0.14, 0.4, 100)}, share=0.15, limit="<") == "no. The weather."
-    assert verdict({AT: Share(1.0, 0.96, 1.0, 100)}, share=0.9, limit=">=") == "yes"
-    assert verdict({AT: Share(0.86, 0.82, 0.905, 100)}, share=0.9, limit=">=") == "no. The weather."
+    assert row(Share(0.14, 0.1, 0.2, 100), share=0.15, limit="<")[-1] == "yes"
+    assert row(Share(0.25, 0.14, 0.4, 100), share=0.15, limit="<")[-1] == "no. The weather."
+    assert row(Share(1.0, 0.96, 1.0, 100), share=0.9, limit=">=")[-1] == "yes"
+    assert row(Share(0.86, 0.82, 0.905, 100), share=0.9, limit=">=")[-1] == "no. The weather."
 
 
 def test_a_share_can_be_expected_to_stay():
-    there = (*AT[:2], "0")
-    assert verdict({AT: Share(0.9, 0.8, 0.95, 50), there: Share(0.95, 0.89, 1.0, 50)}, beside="0") == "yes"
-    assert verdict({AT: Share(0.8, 0.7, 0.9, 50), there: Share(0.95, 0.91, 1.0, 50)}, beside="0") == "no. The weather."
+    assert row(Share(0.9, 0.8, 0.95, 50), more=[("0", Share(0.95, 0.89, 1.0, 50))], beside="0")[-1] == "yes"
+    assert row(Share(0.8, 0.7, 0.9, 50), more=[("0", Share(0.95, 0.91, 1.0, 50))], beside="0")[-1] == "no. The weather."
 
 
-def test_what_was_not_found_says_so_and_a_row_is_in_per_cent():
-    about = {"share": 0.825, "trials": 40, "source": "us"}
-    assert Expectation("it", "study", AT, **about).row({})[3:] == ["not yet: `make studies`", ""]
-    row = Expectation("it", "study", AT, **about).row({AT: Share(0.76, 0.695, 0.83, 200)})
-    assert row == ["it", "82.5 [68.1, 91.3], n = 40", "us", "76 [69.5, 83], n = 200", "yes"]
+def test_what_was_not_found_keeps_its_row_or_says_so():
+    assert row(None, share=0.5)[3:] == ["not yet: `make studies`", "", "", ""]
+    before = "| it | about 50 | us | 49 [40, 58], n = 100 |  |  | yes |"
+    assert row(None, share=0.5, before=f"| other | a | us | b |\n{before}")[3] == "49 [40, 58], n = 100"
 
 
 def test_a_folder_without_studies_leaves_every_place_open(tmp_path):

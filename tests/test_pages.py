@@ -60,6 +60,8 @@ def test_a_page_gets_the_table_and_the_figures_and_keeps_what_was_written(runs, 
         copied = tmp_path / "mine" / f"small_{figure}.svg"
         assert copied.read_bytes() == (runs / "small" / "figures" / f"{figure}.svg").read_bytes()
         assert f"(mine/{copied.name})" in text
+    assert (tmp_path / "mine" / "small.csv").read_bytes() == (runs / "small" / "study.csv").read_bytes()
+    assert "[small.csv](mine/small.csv)" in text
 
 
 def test_a_second_time_changes_nothing(runs, tmp_path):
@@ -75,7 +77,7 @@ def test_a_study_of_one_value_has_no_figure_to_show(runs, tmp_path):
     pages.publish(runs / "single", page)
     assert "| gated | " in page.read_text()
     assert "![" not in page.read_text()
-    assert not (tmp_path / "mine").exists()
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["single.csv"]
 
 
 def test_a_page_that_asks_for_it_learns_what_was_expected(runs, tmp_path):
@@ -89,7 +91,7 @@ def test_a_page_that_asks_for_it_learns_what_was_expected(runs, tmp_path):
     )
     (tmp_path / "mine" / "expected.csv").write_text(f"{columns}\n{row}\n")
     pages.publish(runs / "small", page)
-    assert re.search(r"\| it \| >= 0 \| us \| .* n = 4 \| yes \|", page.read_text())
+    assert re.search(r"\| it \| >= 0 \| us \| .* n = 4 \|  \|  \| yes \|", page.read_text())
 
 
 def write_often(page, name):
@@ -130,6 +132,8 @@ def test_a_page_without_its_markers_stops_a_study_before_it_begins(tmp_path, cap
 
 def test_the_projects_figures_are_there_small_and_all_used():
     shown = re.findall(r"!\[.+?\]\((.+?)\)", PAGE.read_text())
+    tables = re.findall(r"\]\((studies/\w+\.csv)\)", PAGE.read_text())
+    assert {*tables} == {path.relative_to(PAGE.parent).as_posix() for path in (PAGE.parent / "studies").glob("*.csv")}
     there = sorted(path.relative_to(PAGE.parent).as_posix() for path in (PAGE.parent / "studies").glob("*.svg"))
     assert sorted(shown) == there
     assert max((PAGE.parent / name).stat().st_size for name in shown) < 200_000

@@ -12,7 +12,7 @@ from echolearn.compare import to_csv
 from echolearn.figures import CYCLE, GREY, MARKERS, draw
 from echolearn.types import Array
 
-FORMAT = 4
+FORMAT = 5
 """Version of the files; part of a study's identity."""
 
 COLOURS = CYCLE[:-1]  # grey is chance's
@@ -42,7 +42,7 @@ PANELS = {
 
 def make(name: str, vary: str, rows: Sequence[Row]) -> dict[str, bytes]:
     """Return the files of a study by name: `study.csv`, `study.md` and the figures."""
-    columns = ["localizer", vary, "metric", "value", "ci_low", "ci_high", "n", "least", "most"]
+    columns = ["localizer", vary, "metric", "value", "ci_low", "ci_high", "n"]
     files = {"study.csv": to_csv(rows, columns), "study.md": table(name, vary, rows).encode()}
     return files | {
         f"figures/{figure}.svg": draw_panels(vary, rows, panels).encode() for figure, panels in PANELS.items()
@@ -97,7 +97,8 @@ def paint_metric(axis: Axes, vary: str, rows: Sequence[Row]) -> None:
     for name in names:
         found = [row for row in rows if row["localizer"] == name]
         number = known.index(name) if name in known else None
-        paint_line(axis, name, found, x=dodged(vary, values, number=number, count=len(known)), number=number)
+        x = dodged(vary, values, number=number, count=len(known))
+        paint_line(axis, name, found, x=x, number=number, apart=_named(values))
     if vary == "pings":
         axis.set_xscale("log", base=2)
         axis.set_xticks(values, [str(value) for value in values])
@@ -105,15 +106,19 @@ def paint_metric(axis: Axes, vary: str, rows: Sequence[Row]) -> None:
         axis.set_xticks(range(len(values)), [str(value).replace("_", " ") for value in values])
 
 
-def paint_line(axis: Axes, name: str, rows: Sequence[Row], *, x: Array, number: int | None) -> None:
-    """Draw one localizer with its interval as a band; number None is chance."""
+def paint_line(axis: Axes, name: str, rows: Sequence[Row], *, x: Array, number: int | None, apart: bool) -> None:
+    """Draw one localizer with its interval as a band, or with bars if values stand `apart`; number None is chance."""
     style: Any = {"color": GREY, "linestyle": "--"}
     if number is not None:
         style = {"color": COLOURS[number % len(COLOURS)], "linestyle": STROKES[number % len(STROKES)]}
         style |= {"marker": MARKERS[number % len(MARKERS)], "markerfacecolor": "none"}
         style |= {"markersize": 3.0 + 5.5 * 0.8**number, "linewidth": 1.0 + 1.8 * 0.7**number}  # equal ones nest
-    axis.plot(x, [row["value"] for row in rows], label=name, **style)
-    low, high = [row["ci_low"] for row in rows], [row["ci_high"] for row in rows]
+    value, low, high = (np.array([row[key] for row in rows]) for key in ("value", "ci_low", "ci_high"))
+    if apart and number is not None:  # nothing lies between one fault and the next
+        style["linestyle"] = "none"
+        axis.errorbar(x, value, yerr=np.abs([low - value, high - value]), label=name, elinewidth=1, **style)
+        return
+    axis.plot(x, value, label=name, **style)
     axis.fill_between(x, low, high, color=style["color"], alpha=0.08, linewidth=0)
 
 
@@ -129,7 +134,8 @@ def dodged(vary: str, values: Sequence[Any], *, number: int | None, count: int) 
     place = np.arange(len(values)) if _named(values) else np.array(values, dtype=float)
     along = np.log2(place) if vary == "pings" else place.astype(float)
     if number is not None and len(values) > 1:
-        step = min(0.7 * np.diff(along).min() / count, 0.007 * np.ptp(along))
+        widest = np.inf if _named(values) else 0.007 * np.ptp(along)
+        step = min(0.7 * np.diff(along).min() / count, widest)
         along = along + (number - (count - 1) / 2) * step
     return np.exp2(along) if vary == "pings" else along
 

@@ -1,10 +1,10 @@
 """What studies were expected to find, beside what they found.
 
-Expectations are a table of a page's own, `expected.csv` in the page's folder, one share a row. What is expected is a
-range: Wilson's 95 % interval of a figure that was counted in trials, the figure itself where there is no number of
-trials, everything beyond a limit, or what the same study found at another value. A share that was found agrees if it
-lies in that range, or the figure expected in its interval. If neither, but the figure lies among the shares of single
-positions, that is said: it may have been counted at one. Else the difference is explained.
+Expectations are a table of a page's own, `expected.csv` in the page's folder, a share a row. A figure that was counted
+in trials is held against the share that was found by Fisher's exact test, with Holm's correction for the number of such
+rows; it takes recordings as independent, so it finds differences rather too often. A figure without a number of trials
+must lie in the interval found; a limit must be kept by the share itself; a share that is to stay what it is at another
+value must have an interval that overlaps the one there.
 
 | column               | meaning                                                                                  |
 |----------------------|------------------------------------------------------------------------------------------|
@@ -20,33 +20,38 @@ positions, that is said: it may have been counted at one. Else the difference is
 """
 
 import csv
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import fisher_exact
 
 from echolearn import curves, disk, stats, store
 from echolearn.types import BadValue
 
 
 class Share(NamedTuple):
-    """A share, the ends of its range, how many recordings it is of (None: not known), the ends of single positions."""
+    """A share, the ends of its interval, and how many recordings it is of."""
 
     value: float
     low: float
     high: float
-    n: int | None = None
-    least: float = 1.0
-    most: float = 0.0
+    n: int
 
     def __str__(self) -> str:
         """Write it in per cent."""
         value, low, high = (f"{100 * x:.3g}" for x in self[:3])
-        return value if self.n is None else f"{value} [{low}, {high}], n = {self.n}"
+        return f"{value} [{low}, {high}], n = {self.n}"
 
 
 Found = Mapping[tuple[str, str, str], Share]
 """(localizer, metric, value of what was varied) -> share."""
+
+LEVEL = 0.05
+"""Below it a corrected p tells two shares apart."""
 
 
 @dataclass(frozen=True)
@@ -68,42 +73,32 @@ class Expectation:
     source: str = ""
     why: str = ""
 
-    def wanted(self, found: Found) -> tuple[str, Share]:
-        """Return the range that was expected, in words and as a share.
+    def words(self, found: Found) -> str:
+        """Return what was expected in words."""
+        if self.beside:
+            return f"as at {self.beside}: {found[(*self.at[:2], self.beside)]}"
+        if self.trials is None:
+            return f"{self.limit or 'about'} {100 * self.share:.3g}"
+        counted = stats.wilson(round(self.share * self.trials), self.trials)
+        return str(Share(self.share, counted.low, counted.high, self.trials))
 
-        Raises:
-            KeyError: the study has no such value.
-        """
+    def agrees(self, found: Found) -> bool:
+        """Tell whether a share without trials agrees with what was found."""
+        share = found[self.at]
         if self.beside:
             there = found[(*self.at[:2], self.beside)]
-            return f"as at {self.beside}: {there}", there
+            return share.low <= there.high and there.low <= share.high
         if self.limit:
-            ends = (0.0, self.share) if self.limit == "<" else (self.share, 1.0)
-            return f"{self.limit} {100 * self.share:.3g}", Share(self.share, *ends)
+            return share.value < self.share if self.limit == "<" else share.value >= self.share
+        return share.low <= self.share <= share.high
+
+    def p(self, found: Found) -> float:
+        """Return Fisher's p of the counts expected and found; NaN for a share without trials."""
         if self.trials is None:
-            return f"about {100 * self.share:.3g}", Share(self.share, self.share, self.share)
-        counted = stats.wilson(round(self.share * self.trials), self.trials)
-        share = Share(self.share, counted.low, counted.high, self.trials)
-        return str(share), share
-
-    def row(self, found: Found) -> list[str]:
-        """Return what was expected, who expected it, what was found, and whether they agree or else why not."""
-        try:
-            words, wanted = self.wanted(found)
-            share = found[self.at]
-        except KeyError:
-            return [self.what, "", self.source, "not yet: `make studies`", ""]
-        return [self.what, words, self.source, str(share), self.verdict(wanted, share)]
-
-    def verdict(self, wanted: Share, share: Share) -> str:
-        """Return whether a share agrees with what was expected, or else why not."""
-        if wanted.low <= share.value <= wanted.high:
-            return "yes"
-        if not self.limit and share.low <= wanted.value <= share.high:
-            return "yes"
-        if not self.limit and share.least <= wanted.value <= share.most:
-            return f"with single positions, {100 * share.least:.3g} to {100 * share.most:.3g}. {self.why}".strip()
-        return f"no. {self.why}".strip()
+            return math.nan
+        pairs = (self.share, self.trials), (found[self.at].value, found[self.at].n)
+        counts = [(round(share * trials), trials) for share, trials in pairs]
+        return float(fisher_exact([[hits, trials - hits] for hits, trials in counts]).pvalue)
 
 
 def read(path: Path) -> list[Expectation]:
@@ -125,17 +120,49 @@ def _expectation(row: Mapping[str, str]) -> Expectation:
     return Expectation(at=at, share=float(row["share"] or "nan"), trials=int(trials) if trials else None, **words)
 
 
-def table(expectations: list[Expectation], studies: Path) -> str:
+def table(expectations: Sequence[Expectation], studies: Path, *, before: str = "") -> str:
     """Return what was expected beside what was found, as Markdown.
 
     Args:
         expectations: in the order of the table.
-        studies: folder of the studies, each under its name; those that are not finished leave their places open.
+        studies: folder of the studies, each under its name.
+        before: the table as it stands: rows of studies that are not there, or not finished, are kept from it.
     """
     found = {name: shares(studies / name) for name in {each.study for each in expectations}}
-    head = "| share in % | expected | by | found | agrees |\n|---|---|---|---|---|"
-    rows = [f"| {' | '.join(each.row(found[each.study]))} |" for each in expectations]
-    return "\n".join([head, *rows])
+    return tabulate(expectations, found, before=before)
+
+
+def tabulate(expectations: Sequence[Expectation], found: Mapping[str, Found], *, before: str = "") -> str:
+    """Return the table of what studies found, by name; the others as `before` has them."""
+    known = [each for each in expectations if each.at in found[each.study]]
+    raw = np.array([each.p(found[each.study]) for each in known])
+    counted = np.isfinite(raw)
+    corrected = np.full(len(raw), np.nan)
+    corrected[counted] = stats.holm(raw[counted])
+    new = {
+        id(each): _row(each, found[each.study], float(p), float(holm))
+        for each, p, holm in zip(known, raw, corrected, strict=True)
+    }
+    old = {tuple(line.split(" | ")[:3:2]): line for line in before.splitlines()}
+    rows = [new.get(id(each)) or old.get((f"| {each.what}", each.source)) or _open(each) for each in expectations]
+    return "\n".join([HEAD, *rows])
+
+
+HEAD = "| share in % | expected | by | found | p | p, Holm | agrees |\n|---|---|---|---|---|---|---|"
+
+
+def _row(each: Expectation, found: Found, p: float, holm: float) -> str:
+    alike = each.agrees(found) if math.isnan(p) else holm >= LEVEL
+    verdict = "yes" if alike else "no"
+    if alike and p < LEVEL:
+        verdict = "not told apart"
+    verdict += f". {each.why}" if verdict != "yes" and each.why else ""
+    tests = ("", "") if math.isnan(p) else (f"{p:.2g}", f"{holm:.2g}")
+    return f"| {' | '.join([each.what, each.words(found), each.source, str(found[each.at]), *tests, verdict])} |"
+
+
+def _open(each: Expectation) -> str:
+    return f"| {each.what} |  | {each.source} | not yet: `make studies` |  |  |  |"
 
 
 def shares(folder: Path) -> Found:
@@ -153,5 +180,5 @@ def shares(folder: Path) -> Found:
 
 
 def _share(row: Mapping[str, str]) -> Share:
-    value, low, high, least, most = (float(row[key]) for key in ("value", "ci_low", "ci_high", "least", "most"))
-    return Share(value, low, high, int(row["n"]), least, most)
+    value, low, high = (float(row[key]) for key in ("value", "ci_low", "ci_high"))
+    return Share(value, low, high, int(row["n"]))

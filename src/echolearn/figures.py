@@ -164,7 +164,8 @@ def bands(lines: Mapping[str, Sequence[Row]]) -> str:
             axis.errorbar(x, value, yerr=spread, linestyle="", markersize=4, elinewidth=1, label=label, **style)
         axis.axhline(0.5, color=GREY, linestyle="--", linewidth=1)
         axis.set_xticks(range(len(names)), [name.replace(":", " to ") + " dB" for name in names])
-        axis.set(ylabel="AUC", xlabel="SNR band", ylim=(0.3, 1.02))
+        lowest = min([0.5, *(float(row["ci_low"]) for rows in lines.values() for row in rows)])
+        axis.set(ylabel="AUC", xlabel="SNR band", ylim=(lowest - 0.04, 1.02))
         handles, labels = axis.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4)
 

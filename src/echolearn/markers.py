@@ -41,6 +41,12 @@ def around(page: Path, markers: Markers) -> tuple[str, str]:
     return before + begin, end + rest[1]
 
 
+def between(page: Path, markers: Markers) -> str:
+    """Return the replaceable text of a page; see `around` for errors."""
+    before, after = around(page, markers)
+    return Path(page).read_bytes().decode()[len(before) : -len(after)]
+
+
 def write_between(page: Path, text: str, markers: Markers) -> None:
     """Put `text` between the markers of a page, atomically, one command after another; see `around` for errors."""
     around(page, markers)

@@ -1,13 +1,14 @@
 """A page of studies: what each found, between markers that bear its name, and what had been expected of all.
 
-Beside the page lies a folder of its name: figures are copied there, and its `expected.csv` says what was expected.
+Beside the page lies a folder of its name: tables and figures are copied there, and `expected.csv` there says what was
+expected.
 """
 
 import shlex
 from pathlib import Path
 
 from echolearn import disk, expected, store
-from echolearn.markers import Markers, around, write_between
+from echolearn.markers import Markers, around, between, write_between
 
 EXPECTED = Markers("<!-- expected: written by `echolearn study` -->", "<!-- end of expected -->", "page")
 
@@ -35,23 +36,30 @@ def publish(folder: Path, page: Path) -> None:
     write_between(page, section(folder, page), markers(folder.name))
     if EXPECTED.begin in page.read_text():
         expectations = expected.read(page.parent / page.stem / "expected.csv")
-        write_between(page, expected.table(expectations, folder.parent), EXPECTED)
+        before = between(page, EXPECTED)
+        write_between(page, expected.table(expectations, folder.parent, before=before), EXPECTED)
 
 
 def section(folder: Path, page: Path) -> str:
-    """Return a study's text for a page, and copy its figures; a study of one value has none to show."""
+    """Return a study's text for a page, and copy its table and figures; a study of one value has none to show."""
     manifest = store.verify(folder)
     title, _, tables = (folder / "study.md").read_text().partition("\n")
     words = [word for word in shlex.split(manifest.get("command", "")) if not word.startswith("runs=")]
     command = f" `{shlex.join(words)}`." if words else ""
+    csv = copy(folder / "study.csv", page, f"{folder.name}.csv")
     lead = f"{title.partition(': ')[2].capitalize()}, over {manifest['study']['positions']} positions.{command}"
+    lead += f" With all intervals: [{Path(csv).name}]({csv})."
     several = len(manifest["study"]["values"]) > 1
-    pictures = [copy(path, page, folder.name) for path in sorted((folder / "figures").glob("*.svg")) if several]
+    pictures = [
+        f"![{folder.name}: {path.stem.replace('_', ' ')}]({copy(path, page, f'{folder.name}_{path.name}')})"
+        for path in sorted((folder / "figures").glob("*.svg"))
+        if several
+    ]
     return "\n\n".join([lead, *pictures, tables.strip()])
 
 
-def copy(picture: Path, page: Path, name: str) -> str:
-    """Copy a figure into the page's folder; return what shows it."""
-    place = page.parent / page.stem / f"{name}_{picture.name}"
-    disk.write_atomic(place, picture.read_bytes())
-    return f"![{name}: {picture.stem.replace('_', ' ')}]({page.stem}/{place.name})"
+def copy(file: Path, page: Path, name: str) -> str:
+    """Copy a file into the page's folder; return its place as seen from the page."""
+    place = page.parent / page.stem / name
+    disk.write_atomic(place, file.read_bytes())
+    return f"{page.stem}/{name}"

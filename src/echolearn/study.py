@@ -230,9 +230,7 @@ def _judged(study: Study, folder: Path, *, resamples: int) -> list[curves.Row]:
         for column, name in enumerate([*study.localizers, CHANCE]):
             for metric, hit in zip(METRICS, table["hit"][:, column].T, strict=True):
                 low, high = _interval(hit, weights)
-                alone = np.bincount(table["position"], hit) / np.bincount(table["position"])
                 share = {"value": float(hit.mean()), "ci_low": low, "ci_high": high, "n": len(hit)}
-                share |= {"least": float(alone.min()), "most": float(alone.max())}
                 rows.append({"localizer": name, study.vary: value, "metric": metric, **share})
     return rows
 

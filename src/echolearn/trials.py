@@ -27,7 +27,7 @@ class Fault:
     """What is wrong with an array, without the estimators knowing.
 
     Attributes:
-        dead: microphones that hear nothing, drawn anew for each position.
+        dead: microphones that hear nothing, each in turn from position to position.
         gain_db: standard deviation of the microphones' gains, in dB.
         displacement: standard deviation of each coordinate of the microphones, in m.
     """
@@ -91,7 +91,7 @@ class Trials:
     def record(self) -> Observation:
         """Return all recordings, samples (B, M, N), with what a recording of the noise alone tells of it."""
         room, rng, pings = self.condition.room, self.rng(1, self.place), self.condition.pings
-        scene, gains = spoil(self.scene, self.condition.fault, rng)
+        scene, gains = spoil(self.scene, self.condition.fault, rng, first=self.place)
         levels = {"snr_db": self.condition.snr_db, "sdnr_db": self.condition.sdnr_db}
         alone = gains * noise_alone(room, self.pose, scene, seconds=NOISE_SECONDS, rng=rng, pings=pings, **levels)
         received = scene.received(room, self.pose)
@@ -112,12 +112,12 @@ class Trials:
         return np.stack([*found, guesses.reshape(len(self.numbers), GUESSES, -1).mean(axis=1)], axis=1)
 
 
-def spoil(scene: Scene, fault: Fault, rng: np.random.Generator) -> tuple[Scene, Array]:
-    """Return the scene as it really is, and the gain of each microphone, shape (M, 1), 0 of a dead one."""
+def spoil(scene: Scene, fault: Fault, rng: np.random.Generator, *, first: int) -> tuple[Scene, Array]:
+    """Return the scene as it really is, and the gains (M, 1) of its microphones, 0 of dead ones from the `first` on."""
     positions = scene.array.positions
     moved = MicArray(positions + fault.displacement * rng.standard_normal(positions.shape))
     gains = 10.0 ** (fault.gain_db * rng.standard_normal((len(positions), 1)) / 20.0)
-    gains[rng.permutation(len(positions))[: fault.dead]] = 0.0
+    gains[(first + np.arange(fault.dead)) % len(positions)] = 0.0
     return replace(scene, array=moved) if fault.displacement else scene, gains
 
 
