@@ -1,5 +1,6 @@
 """Tables by hand: who is chosen, which cells a line has, in which order they come."""
 
+from dataclasses import replace
 from pathlib import Path
 from statistics import mean
 from typing import Any
@@ -231,3 +232,21 @@ def test_a_real_comparison_has_every_table(contest: Comparison) -> None:
     assert facts["leak"] == []
     assert {r["trained_on"] for r in facts["tests"]} == {"scattered"}
     assert set(facts["worst"]) == {"svm_pair", "threshold_peak", "trees_features", "chance"}
+
+
+def test_a_scattered_set_heads_the_tables_and_rather_one_that_is_tested() -> None:
+    runs = {("svm", name): validated(0.5) for name in ("paper", "b_scattered", "a_scattered")}
+    contest = bare(runs)
+    assert tables.headline_set(contest) == "a_scattered"
+    tested: Any = {"paper": {}, "b_scattered": {}}
+    assert tables.headline_set(replace(contest, sets=tested)) == "b_scattered"
+    assert tables.headline_set(replace(contest, sets={"paper": tested["paper"]})) == "paper"
+
+
+def test_a_room_is_new_to_a_classifier_unless_its_set_was_made_there() -> None:
+    contest = bare(heard={("8x8x5_0dB", "gated"): walk(0.0)})
+    sizes = {"there": [[8.0, 8.0, 5.0], [9.0, 8.0, 5.0]], "elsewhere": [[8.0, 7.9, 5.0]]}
+    sets: Any = {name: {"room": np.array(size)} for name, size in sizes.items()}
+    assert tables.unseen(replace(contest, sets=sets), "elsewhere")
+    assert not tables.unseen(replace(contest, sets=sets), "there")
+    assert not tables.unseen(contest, "elsewhere")  # nobody knows

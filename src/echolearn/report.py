@@ -38,7 +38,7 @@ from echolearn.tables import (
 from echolearn.trained import answer_map, answer_set, sheet_of
 from echolearn.types import Array
 
-FORMAT = 5
+FORMAT = 6
 """Version of the report; part of a comparison's identity."""
 
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "lightning", "onnxruntime", "pyroomacoustics")

@@ -74,9 +74,19 @@ def drawn(contest: Comparison, trained_on: str) -> list[str]:
 
 
 def headline_set(contest: Comparison) -> str:
-    """Return the training set that the maps' tables are about: the scattered one, if there is any."""
-    sources = sorted({source for _, source in contest.runs})
+    """Return the training set that the maps' tables are about: a scattered one, of those tested, too, if there are."""
+    every = sorted({source for _, source in contest.runs})
+    sources = [source for source in every if source in contest.sets] or every
     return next((source for source in sources if source.endswith("scattered")), sources[0])
+
+
+def unseen(contest: Comparison, source: str) -> bool:
+    """Tell whether no survey was made in a room of the training set, as far as that is among the sets."""
+    if source not in contest.sets:
+        return False
+    trained = {tuple(size) for size in contest.sets[source]["room"][:, :2].round(6).tolist()}
+    mapped = {tuple(np.ptp(heard.corners, axis=0).round(6).tolist()) for heard in contest.heard.values()}
+    return not trained & mapped
 
 
 def gather(contest: Comparison, *, source: str, best: str) -> dict[str, Any]:
@@ -91,6 +101,8 @@ def gather(contest: Comparison, *, source: str, best: str) -> dict[str, Any]:
         "bands": [f"{low} to {high}" for low, high in BANDS],
         "rooms": [describe_room(contest, whole, room, source=source, best=best) for room in rooms(contest)],
         "names": list(dict.fromkeys(row["classifier"] for row in whole if row["trained_on"] in ("-", source))),
+        "localizer": main_localizer(contest) if contest.heard else "",
+        "unseen": unseen(contest, source),
         "worst": worst_off_grid(whole, source),
         "away": away(contest),
         "directions": directions(whole, contest),
