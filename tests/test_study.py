@@ -1,6 +1,10 @@
 """A study from end to end: its figures, its resumption, its refusals."""
 
 import csv
+import os
+import shutil
+import time
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -84,11 +88,60 @@ def test_an_interrupted_study_goes_on_and_ends_the_same(folder, tmp_path):
     assert kept.stat().st_mtime_ns == before
 
 
-def test_another_study_of_that_name_replaces_it_whole(tmp_path):
-    first = study.run(replace(SMALL, values=[10.0]), name="small", runs=tmp_path, resamples=20)
-    study.run(replace(SMALL, values=[20.0], trials=4), name="small", runs=tmp_path, resamples=20)
-    assert {row["snr_db"] for row in rows(first)} == {"20.0"}
-    assert len(list(first.glob("estimates-*"))) == 1
+OTHERS = [{"values": [20.0]}, {"values": [10.0, 20.0]}, {"trials": 5}, {"seed": 1}, {"localizers": {"joint": Joint()}}]
+
+
+@pytest.mark.parametrize("left", ["finished", "damaged", "no manifest", "no estimates"])
+def test_a_study_of_that_name_with_other_settings_is_refused(tmp_path, left):
+    one = replace(SMALL, values=[10.0], positions=2, trials=4)
+    folder = study.run(one, name="small", runs=tmp_path, resamples=20)
+    if left == "damaged":
+        (folder / "study.csv").write_bytes(b"half")
+    if left == "no manifest":
+        (folder / store.MANIFEST).unlink()
+    if left == "no estimates":
+        shutil.rmtree(next(folder.glob("estimates-*")))
+    before = content(tmp_path)
+    said = f"name=small: a study made with the same settings, or a new name; remove {folder} to make it anew"
+    for change in OTHERS:
+        with pytest.raises(BadValue) as refused:
+            study.run(replace(one, **change), name="small", runs=tmp_path, resamples=20)
+        assert str(refused.value) == said
+    assert content(tmp_path) == before
+    study.run(one, name="small", runs=tmp_path, resamples=20)
+    assert store.verify(folder)["study"] == plain(one)
+
+
+def test_other_intervals_and_an_older_format_are_made_from_the_same_estimates(tmp_path):
+    one = replace(SMALL, values=[10.0], positions=2, trials=4)
+    folder = study.run(one, name="small", runs=tmp_path, resamples=20)
+    [estimates] = folder.glob("estimates-*/*.npy")
+    whole, before = content(folder), estimates.stat().st_mtime_ns
+    about = {key: value for key, value in store.verify(folder).items() if key not in ("files", "sha256")}
+    (folder / "study.md").write_text("as it was")
+    store.finish(folder, about | {"format": 0}, ["study.csv", "study.md"])
+    study.run(one, name="small", runs=tmp_path, resamples=20)
+    assert content(folder) == whole
+    study.run(one, name="small", runs=tmp_path, resamples=30)
+    assert store.verify(folder)["resamples"] == 30
+    assert estimates.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_of_two_at_once_the_second_finds_it_finished_or_is_refused(tmp_path, seed):
+    one = replace(SMALL, values=[0.0, 10.0])
+    child = os.fork()
+    if child == 0:
+        study.run(one, name="small", runs=tmp_path, resamples=20)
+        os._exit(0)
+    while not (tmp_path / "study").exists():
+        time.sleep(0.001)
+    second = replace(one, seed=seed)
+    with nullcontext() if seed == 0 else pytest.raises(BadValue, match="^name=small: a study made with the same"):
+        study.run(second, name="small", runs=tmp_path, resamples=20)
+    assert os.waitpid(child, 0)[1] == 0
+    assert store.verify(tmp_path / "study" / "small")["study"] == plain(one)
+    assert [path.name for path in (tmp_path / "study").iterdir()] == ["small"]
 
 
 def test_both_walls_of_a_corner_can_be_found():
