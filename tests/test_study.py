@@ -211,6 +211,11 @@ def test_ten_times_the_pings_hear_ten_decibels_deeper(snr_db, pings):
     assert one <= 0.5
 
 
+def test_faults_stand_in_the_order_in_which_they_are_given():
+    faults = ["positions_5mm", "none", "one_dead"]
+    assert replace(SMALL, vary="fault", values=faults).values == faults
+
+
 def test_keys_that_came_later_leave_older_studies_their_identity():
     assert not {"pings", "places"} & plain(replace(SMALL, places="".join("corners"))).keys()
     assert plain(replace(SMALL, pings=2))["pings"] == 2
@@ -245,6 +250,9 @@ def test_equal_shares_stand_side_by_side_near_their_value(vary, values):
         ({"vary": "mood"}, "vary=mood"),
         ({"values": []}, "values="),
         ({"values": [0.0, 0.0]}, "each value once"),
+        ({"values": [10.0, 0.0]}, r"^values=\[10.0, 0.0\]: in ascending order"),
+        ({"vary": "pings", "values": [1, 10, 5]}, "^values=.* in ascending order"),
+        ({"localizers": {"chance": Joint()}}, "^localizers=chance: another name"),
         ({"values": [400.0]}, "snr_db=400.0 dB"),
         ({"vary": "t60", "values": [0.01]}, "room.t60=0.01 s"),
         ({"vary": "fault", "values": ["rust"]}, "values=rust"),

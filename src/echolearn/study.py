@@ -87,6 +87,8 @@ class Study:
         check(len(self.values) > 0, "values", "[]", allowed="at least one value")
         check(len(set(self.values)) == len(self.values), "values", list(self.values), allowed="each value once")
         check(len(self.localizers) > 0, "localizers", "{}", allowed="at least one")
+        hint = "tables and figures call guessing so"
+        check(CHANCE not in self.localizers, "localizers", CHANCE, allowed="another name", hint=hint)
         check_list("walls", self.walls, length=2, allowed="two distances in m")
         for distance in self.walls:
             check_number("walls", distance, low=0.0, high=100.0, unit="m")
@@ -95,6 +97,8 @@ class Study:
         check_whole("seed", self.seed, low=0)
         for value in self.values:
             self.condition(value)
+        ascending = self.vary == "fault" or sorted(self.values) == list(self.values)
+        check(ascending, "values", list(self.values), allowed="in ascending order", hint="figures join them in turn")
         check(self.bursts in BURSTS, "bursts", self.bursts, allowed=" or ".join(BURSTS))
         check(self.places in places.PLACES, "places", self.places, allowed=" or ".join(places.PLACES))
         for pose in self.poses():
