@@ -130,6 +130,19 @@ def test_a_pattern_sweeps_over_all_options() -> None:
     assert [config["choice"]["plan"] for _, config in jobs] == expected
 
 
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("plan=glob(zz*)", r"plan=glob\(zz\*\): matches nothing; known are offgrid_10x8x6, .*, tiny_scattered"),
+        ("seed=glob(*)", r"seed=glob\(\*\): matches nothing"),
+        ("seed=range(0)", r"seed=range\(0\): matches nothing"),
+    ],
+)
+def test_a_pattern_that_matches_nothing_is_refused(word: str, said: str) -> None:
+    with pytest.raises(UsageError, match=f"^{said}$"):
+        compose("train", [word], many=True)
+
+
 def test_unresolved_configurations_show_where_values_come_from() -> None:
     [(_, config)] = compose("generate", [], resolve=False)
     assert config["plan"]["scene"] == "${scene}"

@@ -181,17 +181,26 @@ def _spread(override: "Override", *, many: bool) -> list[str]:
         return [word]
     if not many:
         raise UsageError(f"{word}: several values need -m, or brackets if they are one list, key=[a,b]")
-    return [f"{override.get_key_element()}={value}" for value in override.sweep_string_iterator()]
+    spread = [f"{override.get_key_element()}={value}" for value in override.sweep_string_iterator()]
+    if not spread:
+        options = _options(override.key_or_group)
+        raise UsageError(f"{word}: matches nothing" + (f"; known are {', '.join(options)}" if options else ""))
+    return spread
+
+
+def _options(group: str) -> list[str]:
+    """Return the names of a group's files; none if there is no such group."""
+    from hydra.core.global_hydra import GlobalHydra
+
+    return GlobalHydra.instance().config_loader().get_group_options(group)
 
 
 def _chooses(override: "Override") -> bool:
     """Tell whether an override chooses among files rather than setting a value; refuse options that do not exist."""
-    from hydra.core.global_hydra import GlobalHydra
-
     group, word, option = override.key_or_group, override.input_line, override.value()
     if group.replace("/", ".").partition(".")[0] == "hydra":
         raise UsageError(f"{word}: hydra's own settings are fixed, but for its launcher's")
-    options = GlobalHydra.instance().config_loader().get_group_options(group)
+    options = _options(group)
     if options and isinstance(option, str) and option not in options:
         raise UsageError(f"{word}: {group} has no option {option}; {suggest(option, options)}")
     if options and option is None and group not in OPTIONAL:
