@@ -264,7 +264,7 @@ def test_equal_shares_stand_side_by_side_near_their_value(vary, values):
         ({"walls": (1.0, 40.0)}, "room"),
         ({"bursts": "some"}, "bursts=some: one or each"),
         ({"places": "roof"}, "places=roof: corners or walk"),
-        ({"places": "walk", "room": Room((2.5, 6.0, 6.0), 0.25)}, "trajectory.clearance"),
+        ({"places": "walk", "room": Room((2.5, 6.0, 6.0), 0.25)}, "^room.size=2.5 x 6 x 6 m: two sides"),
         ({"places": "walk", "room": Room((8.0, 6.0, 5.0), 0.6), "positions": 900, "trials": 900}, "positions=900"),
         ({"localizers": {}}, "localizers"),
     ],
