@@ -284,3 +284,14 @@ def test_commands_work_from_any_folder_without_leaving_anything_there(elsewhere:
     assert [path.name for path in elsewhere.iterdir()] == ["deep"]
     assert not (folder() / "runs").exists()
     assert os.listdir(elsewhere / "deep" / "runs") == ["data"]
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+@pytest.mark.parametrize("runs", ["", "' '", "2024"])
+def test_a_folder_without_a_name_is_refused_by_every_command(
+    command: str, runs: str, elsewhere: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, f"runs={runs}", "--cfg"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: runs=") and said.endswith(": the name of a folder; the current one is runs=.\n")
+    assert list(elsewhere.iterdir()) == []

@@ -332,6 +332,13 @@ def test_a_damaged_run_stops_it(world: World, copied: Path, name: str) -> None:
     assert not (copied / "compare" / "bad").exists()
 
 
+@pytest.mark.parametrize("key", ["tested", "surveys"])
+def test_what_is_named_twice_is_refused(world: World, tmp_path: Path, key: str) -> None:
+    name = world.arguments[key][0]
+    with pytest.raises(BadValue, match=f"^{key}={name}, {name}: each name once$"):
+        compare(name="twice", **world.arguments | {key: [name, name], "runs": tmp_path})
+
+
 def flip(path: Path) -> None:
     """Turn one bit in the middle of a file."""
     content = bytearray(path.read_bytes())

@@ -13,6 +13,7 @@ from echolearn.hearing import hear
 from echolearn.localize.gated import Gated
 from echolearn.mapping import trajectory
 from echolearn.noise.diffuse import Diffuse
+from echolearn.noise.recorded import Recorded
 from echolearn.noise.rotor import Rotor
 from echolearn.simulate import Scene, observe
 from echolearn.survey import noise_length, survey
@@ -164,8 +165,12 @@ def test_other_settings_under_the_same_name_are_refused(
         ({"snr_db": float("nan")}, "snr_db=nan dB"),
         ({"seed": -1}, "seed=-1"),
         ({"pings": 0}, "pings=0"),
-        ({"poses": 0}, "trajectory.poses=0"),
-        ({"room": Room((2.0, 2.0, 3.0), 0.2)}, ""),
+        ({"poses": 0}, "poses=0"),
+        ({"start": 11.0}, "start=11.0 rad"),
+        (
+            {"room": Room((9.0, 3.0, 2.5), 0.2)},
+            "room.size=9 x 3 x 2.5 m: two sides of at least 3.1 m, for a walk 1.05 to 1.45 m from the walls",
+        ),
     ],
 )
 def test_bad_walks_are_refused_before_anything_is_written(
@@ -276,6 +281,19 @@ def test_bad_noises_are_refused_before_anything_is_written(
     with pytest.raises(BadValue) as refused:
         walk(tmp_path, **change)
     assert str(refused.value).startswith(message)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("seconds", "least"), [(0, "2.46"), (5, "30.28")])
+def test_noise_of_a_recording_too_short_is_refused_before_anything_is_written(
+    walk: Walk, brief: Scene, tmp_path: Path, seconds: float, least: str
+) -> None:
+    """Six microphones take stretches one after the other, of 8 000 samples or 5 s, each with a frame of 1 024."""
+    assert (round(6 * (8000 + 1024) / 22050, 2), round(6 * (5 * 22050 + 1024) / 22050, 2)) == (2.46, 30.28)
+    second = Recorded(np.sin(np.arange(22050)).astype(np.float32), 22050.0)
+    scene = replace(brief, diffuse=Diffuse(second))
+    with pytest.raises(BadValue, match=rf"^recording=1.00 s: at least {least} s at once; every microphone"):
+        walk(tmp_path, scene=scene, sdnr_db=0.0, noise_seconds=seconds)
     assert not list(tmp_path.iterdir())
 
 

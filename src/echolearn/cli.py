@@ -143,15 +143,23 @@ def run(command: str, words: Sequence[str], *, trace: bool) -> None:
 
 
 def composed(command: str, options: Namespace, sweeps: Sequence[Sequence[str]]) -> list[tuple[str, Config]]:
-    """Return the jobs of all sweeps; meanwhile what the command needs is imported."""
-    from echolearn.config import compose
+    """Return the jobs of all sweeps, each with a folder to write to; meanwhile what the command needs is imported.
+
+    Raises:
+        UsageError: a slip in an override, or a folder without a name, which would be the current one.
+    """
+    from echolearn.config import UsageError, compose
     from echolearn.processes import meanwhile
 
     def work() -> list[tuple[str, Config]]:
         return [job for sweep in sweeps for job in compose(command, sweep, many=options.m, resolve=not options.cfg)]
 
     needed = () if options.cfg else DIRECTORS.get(command, ())
-    return meanwhile(work, lambda: [import_module(name) for name in needed]) if needed else work()
+    jobs = meanwhile(work, lambda: [import_module(name) for name in needed]) if needed else work()
+    for _, config in jobs:
+        if not isinstance(config["runs"], str) or not config["runs"].strip():
+            raise UsageError(f"runs={config['runs'] or ''}: the name of a folder; the current one is runs=.")
+    return jobs
 
 
 def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:

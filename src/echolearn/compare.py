@@ -65,6 +65,8 @@ def compare(
     check_name("name", name)
     check_list("tested", tested)
     check_list("surveys", surveys)
+    for key, names in {"tested": tested, "surveys": surveys}.items():
+        check(len({*map(str, names)}) == len(names), key, ", ".join(map(str, names)), allowed="each name once")
     check_whole("resamples", resamples, low=20, high=100_000)
     check_whole("workers", workers, low=1, high=1024)
     if readme is not None:

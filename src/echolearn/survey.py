@@ -83,11 +83,14 @@ def survey(
     about = {"kind": "survey", "made_from": plain({"room": room, "scene": scene, "walk": walk, "seed": seed, **told})}
     if _is_finished(folder, about):
         return folder
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 1)))
+    if alone:
+        heard = noise_alone(room, walk[0], scene, seconds=alone, rng=rng, pings=pings, **levels)
+    else:
+        observe(room, walk[0], scene, rng=rng, snr_db=snr_db, sdnr_db=sdnr_db)  # refused, if at all, before writing
     disk.clean(folder)
     disk.save_json(folder / BEGUN, about)
     if alone:
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 1)))
-        heard = noise_alone(room, walk[0], scene, seconds=alone, rng=rng, pings=pings, **levels)
         disk.write_atomic(folder / recording.NOISE, audio.wav_bytes(heard, scene.probe.sample_rate))
     _write(folder, walk, room=room, scene=scene, seed=seed, told=_told(**levels, pings=pings))
     noise = [recording.NOISE] if alone else []
