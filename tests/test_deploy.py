@@ -94,6 +94,30 @@ def test_a_gain_of_the_recording_and_a_louder_copy_of_the_probe_change_nothing(
     assert np.allclose(found.map.confidence, scorer.listen(observation, walk.poses).map.confidence, atol=1e-4)
 
 
+@pytest.mark.parametrize("dtype", [np.int16, np.int32, np.float16, np.float32])
+def test_samples_of_any_real_dtype_give_the_points_of_floats(
+    dtype: type, scorer: Scorer, walk: recording.Survey, observation: Observation
+) -> None:
+    """As a sound card gives them; each recording fills the range of 16 bits, whose squares would wrap around."""
+    level = 30_000 / np.abs(observation.samples).max(axis=(1, 2))
+    for pose in range(4):
+        samples = np.rint(level[pose] * observation.samples[pose]).astype(dtype)
+        found = scorer.update(replace(observation, samples=samples), walk.poses[pose])
+        expected = scorer.update(replace(observation, samples=samples.astype(float)), walk.poses[pose])
+        exact = scorer.update(alone(observation, pose), walk.poses[pose])
+        assert np.array_equal(found.points, expected.points)
+        assert np.allclose(found.points, exact.points, atol=1e-3)
+
+
+def test_silence_is_refused_as_in_a_survey(scorer: Scorer, walk: recording.Survey, observation: Observation) -> None:
+    samples = observation.samples.copy()
+    samples[3] = 0.0
+    with pytest.raises(BadValue, match=r"^observation.samples=silence in \[3\]: recordings; was the recorder running"):
+        scorer.listen(replace(observation, samples=samples), walk.poses)
+    with pytest.raises(BadValue, match=r"^observation.samples=silence in \[0\]"):
+        scorer.update(replace(observation, samples=samples[3].astype(np.int16)), walk.poses[3])
+
+
 def test_recordings_of_another_robot_are_refused(
     scorer: Scorer, walk: recording.Survey, observation: Observation
 ) -> None:

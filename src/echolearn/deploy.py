@@ -103,6 +103,9 @@ class Scorer:
             BadValue: another array, sample rate or probe than the bundle's, or a recording that cannot be analysed.
         """
         mount = self.check(observation)
+        silent = np.flatnonzero(~observation.samples.any(axis=(-2, -1))).tolist()
+        hint = "was the recorder running?"
+        check(not silent, "observation.samples", f"silence in {silent[:3]}", allowed="recordings", hint=hint)
         observation = replace(observation, array=self.bundle.array)
         matched = view(observation, self.bundle.localizer.window)
         echoes = self.bundle.localizer(observation)
@@ -123,7 +126,7 @@ class Scorer:
         Raises:
             BadValue: as `listen`.
         """
-        alone = replace(observation, samples=np.asarray(observation.samples)[None])
+        alone = replace(observation, samples=observation.samples[None])
         found = self.listen(alone, [pose]).map
         kept = np.asarray(found.kept)
         return EchoMap(found.points[kept], found.confidence[kept], kept[kept], found.poses[kept])
