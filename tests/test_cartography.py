@@ -88,6 +88,13 @@ def test_a_finished_map_is_shown_again_and_another_survey_makes_another(
     assert json.loads((folder / "manifest.json").read_text())["scores"] is None
 
 
+def test_a_map_killed_at_its_first_file_is_made_again(packed: Path, walk: Path, tmp_path: Path) -> None:
+    left = tmp_path / "maps" / "walk-small" / ".map.csv.0123456789ab.tmp"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"index")
+    assert sorted(content(draw(survey=walk, bundle=packed, runs=tmp_path))) == FILES
+
+
 def test_a_direct_path_that_is_present_is_removed(world: World, packed: Path, walk: Path, tmp_path: Path) -> None:
     """The same walk as microphones would record it: whatever gain, the loudspeaker's burst first, int16."""
     survey = recording.read(walk)

@@ -178,6 +178,13 @@ def test_bad_walks_are_refused_before_anything_is_written(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_survey_killed_at_its_first_file_is_walked_again(finished: Path, walk: Walk, tmp_path: Path) -> None:
+    left = tmp_path / "survey" / "few" / ".simulated.json.0123456789ab.tmp"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"{")
+    assert contents(walk(tmp_path)) == contents(finished)
+
+
 def test_recordings_of_another_origin_are_never_overwritten(walk: Walk, tmp_path: Path) -> None:
     folder = tmp_path / "runs" / "survey" / "robot"
     (folder / "observations").mkdir(parents=True)

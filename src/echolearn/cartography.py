@@ -148,7 +148,7 @@ def say(about: Mapping[str, Any]) -> None:
 
 def _finished(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
     """Return the manifest of a finished map with these inputs; refuse a folder that holds something else."""
-    foreign = folder.is_dir() and any(folder.iterdir()) and not (folder / "map.csv").is_file()
+    foreign = folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / "map.csv").is_file()
     check(
         not foreign, "name", folder.name, allowed="a new name, or that of a map", hint=f"{folder} holds something else"
     )

@@ -128,7 +128,7 @@ def _names(walk: list[Pose]) -> list[str]:
 
 def _is_finished(folder: Path, about: dict[str, object]) -> bool:
     """Tell whether the survey stands there whole; one made otherwise is refused, a damaged one is made again."""
-    foreign = folder.is_dir() and any(folder.iterdir()) and not (folder / BEGUN).is_file()
+    foreign = folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / BEGUN).is_file()
     hint = f"{folder} holds recordings of another origin"
     check(not foreign, "name", folder.name, allowed="a new name, or that of a simulated survey", hint=hint)
     try:
