@@ -1,12 +1,13 @@
 """From YAML and overrides to plain containers, and from these to objects."""
 
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from echolearn.config import UsageError, build, compose, dotted, folder, suggest
+from echolearn.config import UsageError, build, compose, dotted, folder, plainly, suggest
 from echolearn.geometry import SearchWindow
 from echolearn.types import BadValue, Room
 
@@ -203,3 +204,47 @@ def test_diffuse_noise_can_be_left_out_and_a_level_set_to_null() -> None:
     [(_, config)] = compose("generate", ["plan=scattered_rotor", "diffuse=null", "plan.sdnr_db=null"])
     assert config["scene"]["diffuse"] is None
     assert config["plan"]["sdnr_db"] is None
+
+
+# ---------------------------------------------------------------- names, paths, and the command line of a robot
+
+
+@pytest.mark.parametrize("read", [one, plainly])
+def test_names_and_paths_may_look_like_numbers(read: Callable[..., dict[str, Any]]) -> None:
+    words = ["survey=2026", "bundle=007", "name=-5"]
+    found = read("map", *words) if read is one else read("map", words)
+    assert [found[key] for key in ("survey", "bundle", "name", "runs")] == ["2026", "007", "-5", "runs"]
+
+
+@pytest.mark.parametrize("word", ["runs=[a]", "runs=1.5", "survey=true", "bundle={a:1}"])
+@pytest.mark.parametrize("hydra", [True, False])
+def test_what_is_no_path_is_refused(word: str, hydra: bool) -> None:
+    with pytest.raises(BadValue, match=r"^(runs|survey|bundle)=.*: a path; quote it twice"):
+        compose("map", [word]) if hydra else plainly("map", [word])
+    with pytest.raises(BadValue, match=r"^name=\['a'\]: a name; quote"):
+        compose("map", ["name=[a]"]) if hydra else plainly("map", ["name=[a]"])
+
+
+WORDS = """
+    true TRUE False yes no on off null NULL 0 5 -5 +5 1_000 1e-1 1E3 .5 2. 0.25 inf -nan 010 0x10 12:30
+    2026-01-01 1e 1__0 a ./x 'a' "5" [1,2] [] e i
+""".split()
+
+
+@pytest.mark.parametrize("word", [*WORDS, "", " 5 ", "'a b'"])
+def test_a_plain_command_line_reads_words_as_hydra_does(word: str) -> None:
+    hydras, ours = one("map", f"resolution={word}"), plainly("map", [f"resolution={word}"])
+    assert repr(ours["resolution"]) == repr(hydras["resolution"])
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("runs=null", "runs=null: runs cannot be null"),
+        ("resolution=[1", r"resolution=\[1: cannot be read; are quotes or brackets missing"),
+        ("resampel=1", "resampel=1: there is no key resampel; did you mean resample"),
+    ],
+)
+def test_a_plain_command_line_refuses_slips(word: str, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        plainly("map", [word])

@@ -58,6 +58,7 @@ def draw(
             where no bag can be written.
     """
     mcap.check_wanted(ros)
+    check(isinstance(resample, bool), "resample", resample, allowed="true or false")
     check_number("resolution", resolution, low=0.005, high=1.0, unit="m")
     name = name or f"{Path(survey).resolve().name}-{Path(bundle).resolve().name}"
     check_name("name", name)
