@@ -1,5 +1,6 @@
 """A bundle at work: the laboratory's confidences and points, pose by pose, in a process that has nothing else."""
 
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -215,3 +216,9 @@ print(found.map.points[0, 0], found.map.confidence[0])
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     expected = deploy.load(packed).listen(observation, walk.poses[:1]).map
     assert np.allclose([float(word) for word in done.stdout.split()], [expected.points[0, 0], expected.confidence[0]])
+
+
+@pytest.mark.parametrize("module", ["echolearn.deploy", "echolearn.classify.onnx_model"])
+def test_what_imports_onnxruntime_keeps_it_out_of_the_home_folder(module: str, tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", f"import {module}"], env={**os.environ, "HOME": str(tmp_path)}, check=True)
+    assert not [path for path in tmp_path.rglob("*") if "onnxruntime" in path.name]

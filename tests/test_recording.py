@@ -272,7 +272,10 @@ def test_what_may_be_beside_the_recordings_is_no_link(folder: Path, name: str) -
         ({"walls": [[0, 0], [4, 3], [4, 0], [0, 3]]}, "walls=an area of 0 m^2: null, or"),
         ({"walls": [[k % 99, k // 99] for k in range(1001)]}, "walls=1001 corners: null, or 3 to 1000"),
         ({"walls": [[0, 0], [8000, 0], [8000, 12000]]}, "walls=12000 m: coordinates from -10000 to 10000 m; are"),
-        ({"microphones": [[200, 0, k] for k in range(3)]}, "microphones=200 m: coordinates from -100 to 100 m; are they in mm?"),
+        (
+            {"microphones": [[200, 0, k] for k in range(3)]},
+            "microphones=200 m: coordinates from -100 to 100 m; are",
+        ),
         ({"loudspeaker": [0, 0, -1e9]}, "loudspeaker=1e+09 m: coordinates from -100 to 100 m"),
         ({"conditions": "windy"}, "conditions=windy: a mapping"),
         ({"conditions": {"snr_db": "loud"}}, "conditions.snr_db=loud dB: a number from -200 to 200 dB; null, or"),

@@ -13,6 +13,7 @@ of limited size, without folding constants beforehand: a model that asks for mor
 needs is refused instead of served.
 """
 
+import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -21,6 +22,9 @@ from pathlib import Path
 from threading import Timer
 
 import numpy as np
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # which onnxruntime would keep in the home folder
+
 import onnxruntime
 
 from echolearn import bundle, disk, features, store
