@@ -131,6 +131,19 @@ def test_a_pattern_sweeps_over_all_options() -> None:
     assert [config["choice"]["plan"] for _, config in jobs] == expected
 
 
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("plan=glob(zz*)", r"plan=glob\(zz\*\): matches nothing; known are offgrid_10x8x6, .*, tiny_scattered"),
+        ("seed=glob(*)", r"seed=glob\(\*\): matches nothing"),
+        ("seed=range(0)", r"seed=range\(0\): matches nothing"),
+    ],
+)
+def test_a_pattern_that_matches_nothing_is_refused(word: str, said: str) -> None:
+    with pytest.raises(UsageError, match=f"^{said}$"):
+        compose("train", [word], many=True)
+
+
 def test_unresolved_configurations_show_where_values_come_from() -> None:
     [(_, config)] = compose("generate", [], resolve=False)
     assert config["plan"]["scene"] == "${scene}"
@@ -146,7 +159,9 @@ def test_unresolved_configurations_show_where_values_come_from() -> None:
         ("plan=zzz", "known are .*tiny"),
         ("+new=1", "there is no key new"),
         ("++new=1", "there is no key new"),
-        ("~runs", "keys are set, not deleted"),
+        ("~runs", "keys are set, not deleted; runs cannot be null either"),
+        ("~plan.sdnr_db", "keys are set, not deleted; set it to null"),
+        ("~nothing", "there is no key nothing"),
         ("runs=a,b", "several values need -m"),
         ("plan=[", "no viable alternative"),
         ("runs", "missing EQUAL"),
@@ -179,6 +194,7 @@ def test_suggestions_look_at_the_whole_name_then_at_its_last_part() -> None:
     assert suggest("plan.stp", ["plan.step", "plan.seed"]) == "did you mean plan.step?"
     assert suggest("stpe", ["plan.step", "runs"]) == "did you mean plan.step?"
     assert suggest("qqq", ["plan", "plan.step", "runs"]) == "known are plan, runs"
+    assert suggest("order", []) == "it has none"
 
 
 def test_the_folder_of_configurations_is_absolute() -> None:
@@ -204,6 +220,41 @@ def test_diffuse_noise_can_be_left_out_and_a_level_set_to_null() -> None:
     [(_, config)] = compose("generate", ["plan=scattered_rotor", "diffuse=null", "plan.sdnr_db=null"])
     assert config["scene"]["diffuse"] is None
     assert config["plan"]["sdnr_db"] is None
+
+
+@pytest.mark.parametrize(
+    ("command", "key", "experiment"),
+    [
+        ("study", "localizers.em", "paper_snr"),
+        ("study", "localizers.joint_spatial", "rotor"),
+        ("study", "localizers.joint", "attainable"),
+        ("compare", "localizers.snls", None),
+    ],
+)
+def test_a_localizer_is_left_out_as_the_refusals_advise(command: str, key: str, experiment: str | None) -> None:
+    words, name = [f"experiment={experiment}"] if experiment else [], key.partition(".")[2]
+    for slip, said in ((f"~{key}", "keys are set, not deleted"), (f"{key}=null", f"{key} cannot be null")):
+        with pytest.raises(UsageError) as refused:
+            compose(command, [*words, slip])
+        assert str(refused.value).startswith(f"{slip}: {said}; leave it out by ")
+        advised = str(refused.value).rpartition(" ")[2]
+        (_, before), (_, after) = *compose(command, words), *compose(command, [*words, advised])
+        assert after["localizers"] == {other: value for other, value in before["localizers"].items() if other != name}
+        assert advised in after["command"]
+
+
+def test_all_localizers_can_be_left_out_but_no_plan() -> None:
+    names = compose("compare", [])[0][1]["localizers"]
+    [(_, config)] = compose("compare", [f"localizer@localizers.{name}=null" for name in names])
+    assert not config["localizers"]
+    with pytest.raises(UsageError, match="^plan@growing=null: plan@growing cannot be left out; it is one of .*tiny"):
+        compose("bench", ["plan@growing=null"])
+
+
+def test_a_call_without_keys_says_so() -> None:
+    [(_, config)] = compose("survey", ["rir.order=3"])
+    with pytest.raises(BadValue, match=r"^rir\.order=3: there is no such key; it has none$"):
+        build(config["rir"], "rir")
 
 
 # ---------------------------------------------------------------- names, paths, and the command line of a robot

@@ -83,16 +83,22 @@ def test_another_start_gives_another_walk_and_the_same_one_the_same():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"poses": 1}, "trajectory.poses"),
-        ({"clearance": 2.9}, "trajectory.clearance"),
-        ({"weave": -1.0}, "trajectory.weave"),
+        ({"poses": 1}, "^poses=1: "),
+        ({"clearance": 2.9}, "^room.size=.* m: two sides of at least 6.8 m, for a walk 2.9 to 3.3 m from the walls$"),
+        ({"weave": -1.0}, "^weave=-1.0 m: "),
         ({"height": 6.0}, "below the ceiling"),
-        ({"clearance": "near"}, "trajectory.clearance"),
+        ({"clearance": "near"}, "^clearance=near m: "),
     ],
 )
 def test_impossible_walks_are_refused(changes, words):
     with pytest.raises(BadValue, match=words):
         walk(SIZES[0], **changes)
+
+
+def test_the_smallest_room_holds_the_walk_and_a_smaller_one_is_named():
+    assert len(trajectory(Room((3.1, 8.0, 2.5), 0.4))) == 160
+    with pytest.raises(BadValue, match="^room.size=8 x 3.09 x 2.5 m: two sides of at least 3.1 m"):
+        trajectory(Room((8.0, 3.09, 2.5), 0.4))
 
 
 def perfect_echoes(room, poses, wall):

@@ -108,6 +108,7 @@ def test_commands_that_share_a_page_wait_for_each_other(tmp_path):
     with ProcessPoolExecutor(2) as pool:
         assert all(pool.map(write_often, [page, page], "ab"))
     assert page.read_text() == "<a>\na99\n</a>\n<b>\nb99\n</b>\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.md"]
 
 
 def test_a_damaged_study_is_not_published(runs, tmp_path):

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -135,6 +136,74 @@ def test_sigkill_in_the_middle_leaves_the_old_file_or_none(tmp_path: Path, old: 
     assert (path.read_bytes() if path.exists() else None) == old
     disk.clean(tmp_path)
     assert list(tmp_path.iterdir()) == ([path] if old is not None else [])
+
+
+COUNTER = """
+import sys
+from pathlib import Path
+from echolearn import disk
+
+path = Path(sys.argv[1])
+for _ in range(200):
+    with disk.alone(path):
+        path.write_text(str(int(path.read_text()) + 1))
+"""
+
+
+def test_one_at_a_time_changes_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "count"
+    path.write_text("0")
+    counting = [python(COUNTER, path) for _ in range(3)]
+    assert [process.wait() for process in counting] == [0, 0, 0]
+    assert path.read_text() == "600"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+HOLDER = """
+import os, sys, time
+from pathlib import Path
+from echolearn import disk
+
+with disk.alone(Path(sys.argv[1])):
+    if os.fork() == 0:
+        os.setsid()
+        time.sleep(5)  # a worker that outlives it
+        os._exit(0)
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_whoever_waits_says_so_and_comes_next_when_the_holder_is_killed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path, began = tmp_path / "new" / "folder", time.monotonic()
+    with python(HOLDER, path) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        killing = threading.Timer(0.5, holder.kill)
+        killing.start()
+        with disk.alone(path, waiting="waiting for another"):
+            assert holder.wait() == -signal.SIGKILL
+            assert time.monotonic() - began < 4, "its child holds nothing"
+            assert [path.name for path in path.parent.iterdir()] == [".folder.lock"]
+    assert list(path.parent.iterdir()) == []
+    with disk.alone(path, waiting="never said"):
+        assert not path.exists()
+    assert capfd.readouterr().err == "waiting for another\n"
+
+
+def test_an_error_inside_lets_the_next_in(tmp_path: Path) -> None:
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt), disk.alone(tmp_path / "a"):
+            raise KeyboardInterrupt
+    with disk.alone(tmp_path / "a"), disk.alone(tmp_path / "b"):
+        assert {path.name for path in tmp_path.iterdir()} == {".a.lock", ".b.lock"}
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(BadValue, match=r"/\.b\.lock: cannot be written \(.+\); is the folder the right one\?$"):
+        (tmp_path / "file").write_bytes(b"")
+        with disk.alone(tmp_path / "file" / "b"):
+            pass
 
 
 SHARDS = """

@@ -1,6 +1,10 @@
 """A study from end to end: its figures, its resumption, its refusals."""
 
 import csv
+import os
+import shutil
+import time
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -84,11 +88,60 @@ def test_an_interrupted_study_goes_on_and_ends_the_same(folder, tmp_path):
     assert kept.stat().st_mtime_ns == before
 
 
-def test_another_study_of_that_name_replaces_it_whole(tmp_path):
-    first = study.run(replace(SMALL, values=[10.0]), name="small", runs=tmp_path, resamples=20)
-    study.run(replace(SMALL, values=[20.0], trials=4), name="small", runs=tmp_path, resamples=20)
-    assert {row["snr_db"] for row in rows(first)} == {"20.0"}
-    assert len(list(first.glob("estimates-*"))) == 1
+OTHERS = [{"values": [20.0]}, {"values": [10.0, 20.0]}, {"trials": 5}, {"seed": 1}, {"localizers": {"joint": Joint()}}]
+
+
+@pytest.mark.parametrize("left", ["finished", "damaged", "no manifest", "no estimates"])
+def test_a_study_of_that_name_with_other_settings_is_refused(tmp_path, left):
+    one = replace(SMALL, values=[10.0], positions=2, trials=4)
+    folder = study.run(one, name="small", runs=tmp_path, resamples=20)
+    if left == "damaged":
+        (folder / "study.csv").write_bytes(b"half")
+    if left == "no manifest":
+        (folder / store.MANIFEST).unlink()
+    if left == "no estimates":
+        shutil.rmtree(next(folder.glob("estimates-*")))
+    before = content(tmp_path)
+    said = f"name=small: a study made with the same settings, or a new name; remove {folder} to make it anew"
+    for change in OTHERS:
+        with pytest.raises(BadValue) as refused:
+            study.run(replace(one, **change), name="small", runs=tmp_path, resamples=20)
+        assert str(refused.value) == said
+    assert content(tmp_path) == before
+    study.run(one, name="small", runs=tmp_path, resamples=20)
+    assert store.verify(folder)["study"] == plain(one)
+
+
+def test_other_intervals_and_an_older_format_are_made_from_the_same_estimates(tmp_path):
+    one = replace(SMALL, values=[10.0], positions=2, trials=4)
+    folder = study.run(one, name="small", runs=tmp_path, resamples=20)
+    [estimates] = folder.glob("estimates-*/*.npy")
+    whole, before = content(folder), estimates.stat().st_mtime_ns
+    about = {key: value for key, value in store.verify(folder).items() if key not in ("files", "sha256")}
+    (folder / "study.md").write_text("as it was")
+    store.finish(folder, about | {"format": 0}, ["study.csv", "study.md"])
+    study.run(one, name="small", runs=tmp_path, resamples=20)
+    assert content(folder) == whole
+    study.run(one, name="small", runs=tmp_path, resamples=30)
+    assert store.verify(folder)["resamples"] == 30
+    assert estimates.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_of_two_at_once_the_second_finds_it_finished_or_is_refused(tmp_path, seed):
+    one = replace(SMALL, values=[0.0, 10.0])
+    child = os.fork()
+    if child == 0:
+        study.run(one, name="small", runs=tmp_path, resamples=20)
+        os._exit(0)
+    while not (tmp_path / "study").exists():
+        time.sleep(0.001)
+    second = replace(one, seed=seed)
+    with nullcontext() if seed == 0 else pytest.raises(BadValue, match="^name=small: a study made with the same"):
+        study.run(second, name="small", runs=tmp_path, resamples=20)
+    assert os.waitpid(child, 0)[1] == 0
+    assert store.verify(tmp_path / "study" / "small")["study"] == plain(one)
+    assert [path.name for path in (tmp_path / "study").iterdir()] == ["small"]
 
 
 def test_both_walls_of_a_corner_can_be_found():
@@ -158,6 +211,11 @@ def test_ten_times_the_pings_hear_ten_decibels_deeper(snr_db, pings):
     assert one <= 0.5
 
 
+def test_faults_stand_in_the_order_in_which_they_are_given():
+    faults = ["positions_5mm", "none", "one_dead"]
+    assert replace(SMALL, vary="fault", values=faults).values == faults
+
+
 def test_keys_that_came_later_leave_older_studies_their_identity():
     assert not {"pings", "places"} & plain(replace(SMALL, places="".join("corners"))).keys()
     assert plain(replace(SMALL, pings=2))["pings"] == 2
@@ -192,6 +250,9 @@ def test_equal_shares_stand_side_by_side_near_their_value(vary, values):
         ({"vary": "mood"}, "vary=mood"),
         ({"values": []}, "values="),
         ({"values": [0.0, 0.0]}, "each value once"),
+        ({"values": [10.0, 0.0]}, r"^values=\[10.0, 0.0\]: in ascending order"),
+        ({"vary": "pings", "values": [1, 10, 5]}, "^values=.* in ascending order"),
+        ({"localizers": {"chance": Joint()}}, "^localizers=chance: another name"),
         ({"values": [400.0]}, "snr_db=400.0 dB"),
         ({"vary": "t60", "values": [0.01]}, "room.t60=0.01 s"),
         ({"vary": "fault", "values": ["rust"]}, "values=rust"),
@@ -203,7 +264,7 @@ def test_equal_shares_stand_side_by_side_near_their_value(vary, values):
         ({"walls": (1.0, 40.0)}, "room"),
         ({"bursts": "some"}, "bursts=some: one or each"),
         ({"places": "roof"}, "places=roof: corners or walk"),
-        ({"places": "walk", "room": Room((2.5, 6.0, 6.0), 0.25)}, "trajectory.clearance"),
+        ({"places": "walk", "room": Room((2.5, 6.0, 6.0), 0.25)}, "^room.size=2.5 x 6 x 6 m: two sides"),
         ({"places": "walk", "room": Room((8.0, 6.0, 5.0), 0.6), "positions": 900, "trials": 900}, "positions=900"),
         ({"localizers": {}}, "localizers"),
     ],

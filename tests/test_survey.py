@@ -164,8 +164,12 @@ def test_other_settings_under_the_same_name_are_refused(
         ({"snr_db": float("nan")}, "snr_db=nan dB"),
         ({"seed": -1}, "seed=-1"),
         ({"pings": 0}, "pings=0"),
-        ({"poses": 0}, "trajectory.poses=0"),
-        ({"room": Room((2.0, 2.0, 3.0), 0.2)}, ""),
+        ({"poses": 0}, "poses=0"),
+        ({"start": 11.0}, "start=11.0 rad"),
+        (
+            {"room": Room((9.0, 3.0, 2.5), 0.2)},
+            "room.size=9 x 3 x 2.5 m: two sides of at least 3.1 m, for a walk 1.05 to 1.45 m from the walls",
+        ),
     ],
 )
 def test_bad_walks_are_refused_before_anything_is_written(

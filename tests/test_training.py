@@ -243,6 +243,25 @@ class TestTrust:
             assert (folder / name).read_bytes() == (calm / name).read_bytes()
         assert not (folder / "events.out.tfevents.torn").exists()
 
+    def test_two_at_once_give_one_whole_run(
+        self, toy: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        """The second waits, says so, and finds what the first has made; nothing but the run is left."""
+        expected = train(Task(toy), NETWORK, tmp_path / "calm")
+        folder = tmp_path / "both" / "train" / expected["run"]
+        child = os.fork()
+        if child == 0:
+            os._exit(train(Task(toy), NETWORK, tmp_path / "both") != expected)
+        while not (folder / "config.json").is_file():
+            time.sleep(0.001)
+        assert train(Task(toy), NETWORK, tmp_path / "both") == expected
+        assert os.waitpid(child, 0)[1] == 0
+        assert store.verify(folder) == expected
+        assert [path.name for path in folder.parent.iterdir()] == [folder.name]
+        assert len(list(folder.glob("events.*"))) == len(list((tmp_path / "calm").rglob("events.*")))
+        waited = f"{folder.name}: waiting for another command that trains this run"
+        assert capfd.readouterr().err.splitlines().count(waited) == 1
+
 
 class TestStreaming:
     """Sets too large for memory: batches from the shards."""

@@ -16,6 +16,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
+from fnmatch import fnmatchcase
 from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
 
 Config = dict[str, Any]
 
-OPTIONAL = ("diffuse",)
-"""Groups of which nothing may be chosen, group=null."""
+OPTIONAL = ("diffuse", "localizer@localizers.*")
+"""Groups of which nothing may be chosen, group=null, with where their choice stands if it has another name."""
 
 TARGET = "_target_"
 
@@ -220,27 +221,41 @@ def _spread(override: "Override", *, many: bool) -> list[str]:
         return [word]
     if not many:
         raise UsageError(f"{word}: several values need -m, or brackets if they are one list, key=[a,b]")
-    return [f"{override.get_key_element()}={value}" for value in override.sweep_string_iterator()]
+    spread = [f"{override.get_key_element()}={value}" for value in override.sweep_string_iterator()]
+    if not spread:
+        options = _options(override.key_or_group)
+        raise UsageError(f"{word}: matches nothing" + (f"; known are {', '.join(options)}" if options else ""))
+    return spread
+
+
+def _options(group: str) -> list[str]:
+    """Return the names of a group's files; none if there is no such group."""
+    from hydra.core.global_hydra import GlobalHydra
+
+    return GlobalHydra.instance().config_loader().get_group_options(group)
 
 
 def _chooses(override: "Override") -> bool:
     """Tell whether an override chooses among files rather than setting a value; refuse options that do not exist."""
-    from hydra.core.global_hydra import GlobalHydra
-
     group, word, option = override.key_or_group, override.input_line, override.value()
     if group.replace("/", ".").partition(".")[0] == "hydra":
         raise UsageError(f"{word}: hydra's own settings are fixed, but for its launcher's")
-    options = GlobalHydra.instance().config_loader().get_group_options(group)
+    options = _options(group)
     if options and isinstance(option, str) and option not in options:
         raise UsageError(f"{word}: {group} has no option {option}; {suggest(option, options)}")
-    if options and option is None and group not in OPTIONAL:
-        raise UsageError(f"{word}: {group} cannot be left out; it is one of {', '.join(options)}")
+    if options and option is None and not any(fnmatchcase(_group(override), name) for name in OPTIONAL):
+        raise UsageError(f"{word}: {_group(override)} cannot be left out; it is one of {', '.join(options)}")
     return bool(options)
+
+
+def _group(override: "Override") -> str:
+    """Return the group of an override, with where its choice stands if that is named: localizer@localizers.em."""
+    return "@".join(filter(None, (override.key_or_group, override.package)))
 
 
 def _chosen(override: "Override") -> str:
     """Return how Hydra says what an override chooses, which may be nothing."""
-    return f"~{override.key_or_group}" if override.value() is None else override.input_line or ""
+    return f"~{_group(override)}" if override.value() is None else override.input_line or ""
 
 
 def _configure(
@@ -262,26 +277,39 @@ def _set(config: "DictConfig", override: "Override", known: Sequence[str]) -> No
     from omegaconf import DictConfig, OmegaConf
 
     key, word, parent = override.key_or_group, override.input_line, override.key_or_group.rpartition(".")[0]
-    if override.type == OverrideType.DEL:
-        raise UsageError(f"{word}: keys are set, not deleted; set it to null")
     if key not in known and f"{parent}.{TARGET}" not in known:
         raise UsageError(f"{word}: there is no key {key}; {suggest(key, known)}")
-    if override.value() is None and isinstance(OmegaConf.select(config, key), str | DictConfig):
-        raise UsageError(f"{word}: {key} cannot be null")
+    needed = isinstance(OmegaConf.select(config, key), str | DictConfig)
+    if override.type == OverrideType.DEL:
+        advice = _left_out(config, key) or (f"{key} cannot be null either" if needed else "set it to null")
+        raise UsageError(f"{word}: keys are set, not deleted; {advice}")
+    if override.value() is None and needed:
+        raise UsageError("; ".join(filter(None, (f"{word}: {key} cannot be null", _left_out(config, key)))))
     OmegaConf.update(config, key, override.value(), merge=True, force_add=True)
+
+
+def _left_out(config: "DictConfig", key: str) -> str:
+    """Say how what a group has put at a key is left out; nothing if it cannot be."""
+    groups = [str(group) for group in config.choice if str(group).partition("@")[2] == key]
+    able = [group for group in groups if any(fnmatchcase(group, name) for name in OPTIONAL)]
+    return f"leave it out by {able[0]}=null" if able else ""
 
 
 @cache
 def _join(command: str, *words: str) -> "DictConfig":
     """Let Hydra join a command's files as `words` choose; `choice` holds the name of each chosen file."""
     from hydra import compose as join
-    from omegaconf import open_dict
+    from omegaconf import OmegaConf, open_dict
 
     config = join(command, list(words), return_hydra_config=True)
     chosen = {group: name for group, name in config.hydra.runtime.choices.items() if not group.startswith("hydra/")}
     with open_dict(config):
         del config["hydra"]
         config.choice = chosen
+        for word in words:
+            if word.startswith("~") and "@" in word:
+                parent, _, name = word.partition("@")[2].rpartition(".")
+                OmegaConf.select(config, parent).pop(name, None)  # what an experiment set of it
     return config
 
 
@@ -300,6 +328,8 @@ def without(config: Mapping[str, Any], names: str) -> Config:
 
 def suggest(word: str, known: Sequence[str]) -> str:
     """Return the name in `known` that comes closest to `word`, by its last part if not as a whole, or all of them."""
+    if not known:
+        return "it has none"
     leaves = {name.rpartition(".")[2]: name for name in reversed(known)}
     near = get_close_matches(word, known, n=1) or [leaves[leaf] for leaf in get_close_matches(word, list(leaves), n=1)]
     top = [name for name in known if "." not in name]

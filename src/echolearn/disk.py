@@ -14,6 +14,7 @@ import mmap
 import os
 import secrets
 import stat
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
@@ -76,12 +77,17 @@ def write_atomic(path: Path, content: bytes | Callable[[BinaryIO], object]) -> N
             temporary.replace(path)
         sync_folder(path.parent)
     except OSError as error:
-        reason = error.strerror or error
-        advice = "make room and run the same command again" if error.errno in FULL else "is the folder the right one?"
-        raise BadValue(f"{path}: cannot be written ({reason}); {advice}") from error
+        raise unwritable(path, error) from error
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def unwritable(path: Path, error: OSError) -> BadValue:
+    """Return the one line about a file that cannot be written."""
+    reason = error.strerror or error
+    advice = "make room and run the same command again" if error.errno in FULL else "is the folder the right one?"
+    return BadValue(f"{path}: cannot be written ({reason}); {advice}")
 
 
 def sync_folder(folder: Path) -> None:
@@ -118,6 +124,62 @@ def presence(folder: Path) -> Iterator[Path]:
             mark.unlink(missing_ok=True)
             with suppress(OSError):
                 mark.parent.rmdir()  # if nothing came of it
+
+
+@contextmanager
+def alone(path: Path, *, waiting: str = "") -> Iterator[None]:
+    """Wait until no other process, or thread, is within this block for the same path, which need not exist.
+
+    A file `.<name>.lock` stands beside the path for the time of the block. The system gives the lock of a killed holder
+    to the next; a file that lost its name while one waited for it belongs to the past, and the new one counts.
+
+    Args:
+        path: a file or folder that the block changes.
+        waiting: what to say on stderr if another is there.
+
+    Raises:
+        BadValue: the folder beside the path cannot be written.
+    """
+    lock = Path(path).parent / f".{Path(path).name}.lock"
+    while True:
+        with _opened(lock) as file:
+            waiting = _wait(file, waiting)
+            if not _stands(file, lock):
+                continue
+            MARKS.add(file)
+            try:
+                yield
+            finally:
+                MARKS.discard(file)
+                with suppress(OSError):
+                    lock.unlink()  # while it is still ours, so that whoever gets it then sees that it is gone
+            return
+
+
+def _opened(lock: Path) -> BinaryIO:
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        return lock.open("ab")
+    except OSError as error:
+        raise unwritable(lock, error) from error
+
+
+def _wait(file: BinaryIO, waiting: str) -> str:
+    """Lock an open file, and return what is still to be said to whoever has to wait."""
+    with suppress(BlockingIOError):
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return waiting
+    if waiting:
+        print(waiting, file=sys.stderr, flush=True)
+    fcntl.flock(file, fcntl.LOCK_EX)
+    return ""
+
+
+def _stands(file: BinaryIO, path: Path) -> bool:
+    """Tell whether an open file is still the one at `path`."""
+    with suppress(FileNotFoundError):
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    return False
 
 
 def clean(folder: Path) -> None:

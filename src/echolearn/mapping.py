@@ -137,19 +137,16 @@ def keep(echo_map: EchoMap, threshold: float) -> EchoMap:
 
 
 def _check_walk(room: Room, *, poses: int, clearance: float, weave: float, start: float, height: float) -> None:
-    check_whole("trajectory.poses", poses, low=2)
-    check_number("trajectory.start", start, low=-10.0, high=10.0, unit="rad")
-    check_number("trajectory.weave", weave, low=0.0, high=100.0, unit="m")
-    check_number(
-        "trajectory.clearance",
-        clearance,
-        low=0.1,
-        high=min(room.size[:2]) / 2 - weave - 0.1,
-        unit="m",
-        hint="is the room too small for this clearance and weave on both sides?",
-    )
+    check_whole("poses", poses, low=2)
+    check_number("start", start, low=-10.0, high=10.0, unit="rad")
+    check_number("weave", weave, low=0.0, high=100.0, unit="m")
+    check_number("clearance", clearance, low=0.1, high=100.0, unit="m")
+    least = 2 * (clearance + weave + 0.1)
+    shape = " x ".join(f"{length:g}" for length in room.size)
+    allowed = f"two sides of at least {least:g} m, for a walk {clearance:g} to {clearance + weave:g} m from the walls"
+    check(min(room.size[:2]) > least - 1e-9, "room.size", f"{shape} m", allowed=allowed)
     ceiling = room.size[2] - 0.1
-    check_number("trajectory.height", height, low=0.1, high=ceiling, unit="m", hint="is it below the ceiling?")
+    check_number("height", height, low=0.1, high=ceiling, unit="m", hint="is it below the ceiling?")
 
 
 def _spiral(room: Room, *, clearance: float, weave: float, start: float) -> Array:

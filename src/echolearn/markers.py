@@ -1,9 +1,5 @@
 """Text that commands write into pages which people wrote, between two markers; all the rest of a page stays."""
 
-import fcntl
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,17 +40,6 @@ def around(page: Path, markers: Markers) -> tuple[str, str]:
 def write_between(page: Path, text: str, markers: Markers) -> None:
     """Put `text` between the markers of a page, atomically, one command after another; see `around` for errors."""
     around(page, markers)
-    with alone_in(Path(page).parent):
+    with disk.alone(page):
         before, after = around(page, markers)
         disk.write_atomic(Path(page), f"{before}\n{text}\n{after}".encode())
-
-
-@contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
-    """Wait until no other process is within this block for the same folder."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)

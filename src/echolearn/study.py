@@ -16,10 +16,10 @@ nearest in direction. Each metric is a share of all recordings:
 positions; where all or none of the recordings hit, Wilson's.
 
 A localizer that refuses the recordings of a faulty array (S-NLS, if microphone 1 is the dead one) misses. A study is
-resumed value by value: what was found at one value is one shard of its folder.
+resumed value by value: what was found at one value is one shard of its folder. Estimates take hours, so a study
+with other settings is never replaced; intervals (`resamples`) and files of an older format are made anew from them.
 """
 
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -87,6 +87,8 @@ class Study:
         check(len(self.values) > 0, "values", "[]", allowed="at least one value")
         check(len(set(self.values)) == len(self.values), "values", list(self.values), allowed="each value once")
         check(len(self.localizers) > 0, "localizers", "{}", allowed="at least one")
+        hint = "tables and figures call guessing so"
+        check(CHANCE not in self.localizers, "localizers", CHANCE, allowed="another name", hint=hint)
         check_list("walls", self.walls, length=2, allowed="two distances in m")
         for distance in self.walls:
             check_number("walls", distance, low=0.0, high=100.0, unit="m")
@@ -95,6 +97,8 @@ class Study:
         check_whole("seed", self.seed, low=0)
         for value in self.values:
             self.condition(value)
+        ascending = self.vary == "fault" or sorted(self.values) == list(self.values)
+        check(ascending, "values", list(self.values), allowed="in ascending order", hint="figures join them in turn")
         check(self.bursts in BURSTS, "bursts", self.bursts, allowed=" or ".join(BURSTS))
         check(self.places in places.PLACES, "places", self.places, allowed=" or ".join(places.PLACES))
         for pose in self.poses():
@@ -156,7 +160,8 @@ def run(
         The study's folder.
 
     Raises:
-        BadValue: an argument out of range, or a folder that cannot be written.
+        BadValue: an argument out of range, a study of that name made with other settings, or a folder that cannot be
+            written.
     """
     check_name("name", name)
     check_whole("workers", workers, low=1, high=1024)
@@ -164,21 +169,36 @@ def run(
     folder = Path(runs) / "study" / name
     about = {"kind": "study", "format": curves.FORMAT, "study": plain(study), "resamples": resamples}
     if not _is_finished(folder, about):
-        estimates = folder / f"estimates-{disk.digest(plain(study))}"
-        _listen(study, estimates, workers=workers)
-        files = curves.make(name, study.vary, _judged(study, estimates, resamples=resamples))
-        for file, content in files.items():
-            disk.write_atomic(folder / file, content)
-        store.finish(folder, about | store.made_by(command), files)
-        for outdated in {*folder.glob("estimates-*")} - {estimates}:
-            shutil.rmtree(outdated)
+        with disk.alone(folder, waiting=f"study {name}: waiting for another command that makes it"):
+            if not _is_finished(folder, about):
+                estimates = folder / _estimates(about["study"])
+                _listen(study, estimates, workers=workers)
+                files = curves.make(name, study.vary, _judged(study, estimates, resamples=resamples))
+                for file, content in files.items():
+                    disk.write_atomic(folder / file, content)
+                store.finish(folder, about | store.made_by(command), files)
     curves.show(folder)
     return folder
 
 
+def _estimates(study: Any) -> str:
+    """Return the name of the folder that holds what was found in a study, given as plain containers."""
+    return f"estimates-{disk.digest(study)}"
+
+
 def _is_finished(folder: Path, about: Mapping[str, Any]) -> bool:
+    """Tell whether the study stands there whole; one of other settings is refused, finished or not."""
     try:
-        manifest = store.verify(folder)
+        manifest = store.load_manifest(folder)
+    except BadValue:
+        manifest = {}
+    stands = {path.name for path in folder.glob("estimates-*")}
+    stands |= {_estimates(manifest["study"])} if "study" in manifest else set()
+    allowed = "a study made with the same settings, or a new name"
+    hint = f"remove {folder} to make it anew"
+    check(stands <= {_estimates(about["study"])}, "name", folder.name, allowed=allowed, hint=hint)
+    try:
+        store.verify(folder)
     except BadValue:
         return False
     return disk.canonical({key: manifest.get(key) for key in about}) == disk.canonical(about)

@@ -98,35 +98,42 @@ def run(
     *,
     about: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Do all the work of one run in an empty `folder` and return its metrics, with what is said `about` it."""
-    began = time.monotonic()
+    """Do all the work of one run, unless another command just does; return its metrics, with what is said `about` it.
+
+    Nothing is written before the classifier is made and the set has what it looks at.
+    """
     model = classifier()
     x, y, parts = task.inputs(model.inputs), task.labels(), task.parts()
-    shutil.rmtree(folder, ignore_errors=True)
-    disk.save_json(folder / "config.json", identity)
-    fitted = fit(model, task, x, y, parts=parts, folder=folder)
-    fitting = time.monotonic() - began
-    answers = {part: fitted.confidence(x.part(rows)) for part, rows in parts._asdict().items() if part != "train"}
-    result = {
-        "run": folder.name,
-        "name": identity["name"],
-        **task.identity(),
-        **about,
-        "inputs": list(model.inputs),
-        "rows": {part: len(rows) for part, rows in parts._asdict().items()},
-        "threshold": fitted.threshold,
-        "calibration": {"slope": fitted.slope, "intercept": fitted.intercept},
-        "grid_search": getattr(model, "cross_validation", None),
-        "cross_validation": cross_validate(classifier, task, x, y, folds=identity["folds"], folder=folder),
-        "model": export(fitted, x.part(parts.test), folder),
-        "validation": judge(y[parts.validation], answers["validation"], fitted.threshold),
-        "test": judge(y[parts.test], answers["test"], fitted.threshold),
-    }
-    log(folder, identity, result, reference=y[parts.test], confidence=answers["test"])
-    seconds = {"fit": round(fitting, 3), "total": round(time.monotonic() - began, 3)}
-    disk.save_json(folder / "timing.json", seconds)
-    say(result, seconds["total"])
-    return store.finish(folder, result, ["config.json", "model.onnx"], last=store.METRICS)
+    with disk.alone(folder, waiting=f"{folder.name}: waiting for another command that trains this run"):
+        done = finished(folder, identity)
+        if done is not None:
+            return done
+        began = time.monotonic()
+        shutil.rmtree(folder, ignore_errors=True)
+        disk.save_json(folder / "config.json", identity)
+        fitted = fit(model, task, x, y, parts=parts, folder=folder)
+        fitting = time.monotonic() - began
+        answers = {part: fitted.confidence(x.part(rows)) for part, rows in parts._asdict().items() if part != "train"}
+        result = {
+            "run": folder.name,
+            "name": identity["name"],
+            **task.identity(),
+            **about,
+            "inputs": list(model.inputs),
+            "rows": {part: len(rows) for part, rows in parts._asdict().items()},
+            "threshold": fitted.threshold,
+            "calibration": {"slope": fitted.slope, "intercept": fitted.intercept},
+            "grid_search": getattr(model, "cross_validation", None),
+            "cross_validation": cross_validate(classifier, task, x, y, folds=identity["folds"], folder=folder),
+            "model": export(fitted, x.part(parts.test), folder),
+            "validation": judge(y[parts.validation], answers["validation"], fitted.threshold),
+            "test": judge(y[parts.test], answers["test"], fitted.threshold),
+        }
+        log(folder, identity, result, reference=y[parts.test], confidence=answers["test"])
+        seconds = {"fit": round(fitting, 3), "total": round(time.monotonic() - began, 3)}
+        disk.save_json(folder / "timing.json", seconds)
+        say(result, seconds["total"])
+        return store.finish(folder, result, ["config.json", "model.onnx"], last=store.METRICS)
 
 
 def fit(model: Classifier, task: Task, x: Rows, y: Array, *, parts: Parts, folder: Path) -> Calibrated:
