@@ -24,7 +24,7 @@ from echolearn.rir.pyroom import Pyroom
 from echolearn.simulate import Scene
 from echolearn.trained import load_runs
 from echolearn.types import BadValue, Probe, Room
-from world import HALL, POSES, World, plans
+from world import HALL, POSES, World, coming_second, plans
 
 FILES = ["manifest.json", "map.csv", "map.pgm", "map.ply", "map.svg", "map.yaml", "walls.csv"]
 
@@ -93,6 +93,53 @@ def test_a_map_killed_at_its_first_file_is_made_again(packed: Path, walk: Path, 
     left.parent.mkdir(parents=True)
     left.write_bytes(b"index")
     assert sorted(content(draw(survey=walk, bundle=packed, runs=tmp_path))) == FILES
+
+
+def test_of_two_maps_at_once_the_second_waits_and_replaces_the_first(
+    world: World, packed: Path, walk: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """None is a mixture; that the map was another's is told, once, whoever asks."""
+    other = draw(survey=world.runs / "survey" / "hall_-10dB", bundle=packed, runs=tmp_path / "other", name="one")
+    expected = content(draw(survey=walk, bundle=packed, runs=tmp_path / "same", name="one"))
+    folder, told = tmp_path / "maps" / "one", "replaces the map of another survey or bundle"
+    assert told not in capfd.readouterr().err
+
+    def work() -> Path:
+        return draw(survey=walk, bundle=packed, runs=tmp_path, name="one")
+
+    coming_second(work, folder, lambda: shutil.copytree(other, folder), lambda: capfd.readouterr().err)
+    assert content(folder) == expected
+    assert capfd.readouterr().err.splitlines() == [f"{folder}: {told}"]
+    draw(survey=walk, bundle=packed, runs=tmp_path, name="one", resolution=0.1)
+    shutil.rmtree(folder)
+    coming_second(
+        work,
+        folder,
+        lambda: shutil.copytree(tmp_path / "same" / "maps" / "one", folder),
+        lambda: capfd.readouterr().err,
+    )
+    assert content(folder) == expected and told not in capfd.readouterr().err
+
+
+def test_nothing_is_rewritten_before_it_is_known_that_all_can_be(packed: Path, walk: Path, tmp_path: Path) -> None:
+    folder = draw(survey=walk, bundle=packed, runs=tmp_path, name="one")
+    before = content(folder)
+    for name, put, said in (
+        ("bag", lambda path: path.write_bytes(b""), "bag=a file: a folder, or none"),
+        ("map.svg", lambda path: (path.unlink(), path.mkdir()), "map.svg=no plain file: a file of a map, or none"),
+    ):
+        put(folder / name)
+        left = {path: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+        with pytest.raises(BadValue, match=said):
+            draw(survey=walk, bundle=packed, runs=tmp_path, name="one", resolution=0.1, ros=name == "bag")
+        assert {path: path.read_bytes() for path in folder.iterdir() if path.is_file()} == left
+        (folder / name).unlink() if name == "bag" else (folder / name).rmdir()
+    assert content(draw(survey=walk, bundle=packed, runs=tmp_path, name="one")) == before
+    (tmp_path / "maps" / "two").write_bytes(b"")
+    with pytest.raises(BadValue, match="name=two: a new name, or that of a map; .* is something else"):
+        draw(survey=walk, bundle=packed, runs=tmp_path, name="two")
+    with pytest.raises(BadValue, match="cannot be written"):
+        draw(survey=walk, bundle=packed, runs=Path("/dev/null"), name="one")
 
 
 def test_a_direct_path_that_is_present_is_removed(world: World, packed: Path, walk: Path, tmp_path: Path) -> None:
@@ -192,6 +239,7 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(packed: Path, walk: Pa
     assert "survey.yaml: cannot be read" in refusal(survey=tmp_path)
     assert "name=../up" in refusal(name="../up")
     assert "resolution=0 m" in refusal(resolution=0)
+    assert "name=nnnnnnnnnnnnnnnnnnnn...: at most 100 bytes; it has 101" in refusal(name="n" * 101)
     assert "resample=maybe: true or false" in refusal(resample="maybe")
     rate, samples = wavfile.read(walk / "probe.wav")
     wavfile.write(walk / "probe.wav", 44100, samples)

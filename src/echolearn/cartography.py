@@ -6,7 +6,9 @@ if that was chosen, and whether a bag for ROS is among its files. A finished one
 
 import hashlib
 import math
+import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -80,7 +82,8 @@ def draw(
         chart = _chart(name, walk, listen(scorer, walk), resolution=float(resolution))
         found = {"kind": "map", "inputs": inputs, "scores": scores(chart), "lines": len(chart.lines)}
         found |= {"poses": len(chart.path), "kept": int(np.sum(chart.map.kept)), **store.made_by(command)}
-        _write(folder, chart, found, ros=ros)
+        with disk.alone(folder, waiting=f"map {name}: waiting for another command that writes it"):
+            found = _finished(folder, inputs) or _write(folder, chart, found, ros=ros)
     say(found)
     return folder
 
@@ -149,10 +152,10 @@ def say(about: Mapping[str, Any]) -> None:
 
 def _finished(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
     """Return the manifest of a finished map with these inputs; refuse a folder that holds something else."""
-    foreign = folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / "map.csv").is_file()
-    check(
-        not foreign, "name", folder.name, allowed="a new name, or that of a map", hint=f"{folder} holds something else"
-    )
+    names = {path.name for path in folder.glob("[!.]*")} if folder.is_dir() else set()
+    foreign = (names and "map.csv" not in names) or (folder.exists() and not folder.is_dir())
+    hint = f"{folder} {'holds' if names else 'is'} something else"
+    check(not foreign, "name", folder.name, allowed="a new name, or that of a map", hint=hint)
     if not store.is_finished(folder):
         return None
     try:
@@ -162,13 +165,28 @@ def _finished(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
     return found if found.get("inputs") == inputs else None
 
 
-def _write(folder: Path, chart: Chart, about: Mapping[str, Any], *, ros: bool) -> None:
-    disk.clean(folder)
-    disk.clean(folder / mcap.FOLDER)
-    if not ros:
-        mcap.remove(folder)  # that of the map before
+def _write(folder: Path, chart: Chart, about: Mapping[str, Any], *, ros: bool) -> dict[str, Any]:
+    """Write a map in place of the one before, once it is known that all of it can be; return its manifest."""
     writers = (table, ply, grid, svg, *((mcap,) if ros else ()))
     files = {name: content for writer in writers for name, content in writer.write(chart).items()}
+    for path in (folder / name for name in (*files, store.MANIFEST)):
+        check(path.is_file() or not path.exists(), str(path), "no plain file", allowed="a file of a map, or none")
+    bag = folder / mcap.FOLDER
+    check(bag.is_dir() or not bag.exists(), str(bag), "a file", allowed="a folder, or none")
+    _tell_replaced(folder, about["inputs"])
+    disk.clean(folder)
+    disk.clean(bag)
+    if not ros:
+        mcap.remove(folder)  # that of the map before
     for name, content in files.items():
         disk.write_atomic(folder / name, content)
-    store.finish(folder, about, files)
+    return store.finish(folder, about, files)
+
+
+def _tell_replaced(folder: Path, inputs: Mapping[str, Any]) -> None:
+    """Say so if in the folder is a map of other recordings or by another bundle."""
+    with suppress(BadValue):  # there is none
+        before = store.load_manifest(folder).get("inputs")
+        other = not isinstance(before, dict) or any(before.get(key) != inputs[key] for key in ("survey", "bundle"))
+        if other:
+            print(f"{folder}: replaces the map of another survey or bundle", file=sys.stderr)

@@ -77,12 +77,14 @@ def export(
     about |= {"name": folder.name, **store.made_by(command)}
     _check_free(folder, source)
     files = pack(source, dataset, probe)
-    if not _is_finished(folder, about, files):
-        disk.clean(folder)
-        for file, content in files.items():
-            disk.write_atomic(folder / file, content)
-        store.finish(folder, about, files, last=store.BUNDLE)
-    _prove(folder)
+    with disk.alone(folder, waiting=f"export {folder.name}: waiting for another command that writes it"):
+        _check_free(folder, source)
+        if not _is_finished(folder, about, files):
+            disk.clean(folder)
+            for file, content in files.items():
+                disk.write_atomic(folder / file, content)
+            store.finish(folder, about, files, last=store.BUNDLE)
+        _prove(folder)
     return folder
 
 

@@ -83,16 +83,18 @@ def survey(
     about = {"kind": "survey", "made_from": plain({"room": room, "scene": scene, "walk": walk, "seed": seed, **told})}
     if _is_finished(folder, about):
         return folder
-    disk.clean(folder)
-    disk.save_json(folder / BEGUN, about)
-    if alone:
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 1)))
-        heard = noise_alone(room, walk[0], scene, seconds=alone, rng=rng, pings=pings, **levels)
-        disk.write_atomic(folder / recording.NOISE, audio.wav_bytes(heard, scene.probe.sample_rate))
-    _write(folder, walk, room=room, scene=scene, seed=seed, told=_told(**levels, pings=pings))
-    noise = [recording.NOISE] if alone else []
-    files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
-    store.finish(folder, about | store.made_by(command), files, largest=store.FOREIGN)
+    with disk.alone(folder, waiting=f"survey {name}: waiting for another command that walks it"):
+        if not _is_finished(folder, about):
+            disk.clean(folder)
+            disk.save_json(folder / BEGUN, about)
+            if alone:
+                rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 1)))
+                heard = noise_alone(room, walk[0], scene, seconds=alone, rng=rng, pings=pings, **levels)
+                disk.write_atomic(folder / recording.NOISE, audio.wav_bytes(heard, scene.probe.sample_rate))
+            _write(folder, walk, room=room, scene=scene, seed=seed, told=_told(**levels, pings=pings))
+            noise = [recording.NOISE] if alone else []
+            files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
+            store.finish(folder, about | store.made_by(command), files, largest=store.FOREIGN)
     return folder
 
 

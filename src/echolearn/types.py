@@ -16,6 +16,9 @@ SPEED_OF_SOUND = 343.0
 PARITY = 1e-5
 """Largest difference in confidence between a trained classifier and its file."""
 
+LONGEST_NAME = 100
+"""Bytes of a folder's name; a file system takes 255, to which digests and endings are added."""
+
 LATER = MappingProxyType({"later": True})
 """Metadata of a field that came later: left out of digests while it has its default, so that older ones stay."""
 
@@ -64,6 +67,10 @@ def check_name(name: str, value: object) -> None:
     """Raise `BadValue` unless `value` can name a folder: letters, digits, dots, - and _, no dot or - first."""
     spelled = isinstance(value, str) and value[:1] not in ".-" and all(c.isalnum() or c in "._-" for c in value)
     check(bool(spelled and value), name, value, allowed="a name of letters, digits, dots, - and _", hint="no path")
+    size = len(str(value).encode())
+    check(
+        size <= LONGEST_NAME, name, f"{value!s:.20}...", allowed=f"at most {LONGEST_NAME} bytes", hint=f"it has {size}"
+    )
 
 
 def check_list(name: str, value: object, *, length: int | None = None, allowed: str = "a list, [a,b]") -> None:
