@@ -235,7 +235,11 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(packed: Path, walk: Pa
         assert "\n" not in str(refused.value) and not out.exists()
         return str(refused.value)
 
-    assert "a folder that echolearn export wrote" in refusal(bundle=tmp_path / "nowhere")
+    assert "a folder that echolearn export wrote; there is no such folder" in refusal(bundle=tmp_path / "nowhere")
+    assert "a folder in the recorded-survey format; there is no such folder" in refusal(survey=tmp_path / "nowhere")
+    assert "it is no folder" in refusal(survey=walk / "survey.yaml")
+    assert "this is a survey; did you swap survey and bundle?" in refusal(bundle=walk)
+    assert "this is a bundle; did you swap survey and bundle?" in refusal(survey=packed)
     assert "survey.yaml: cannot be read" in refusal(survey=tmp_path)
     assert "name=../up" in refusal(name="../up")
     assert "resolution=0 m" in refusal(resolution=0)

@@ -122,7 +122,7 @@ def test_what_cannot_be_exported_says_why_and_leaves_nothing(world: World, compa
         "run=None: a run's folder, or best=": {"run": None},
         "run=.*: a folder that echolearn train wrote": {"run": world.sets["grid"].folder},
         "best=.*: a folder that echolearn compare wrote": {"run": None, "best": folder},
-        "not finished": {"run": tmp_path / "nowhere"},
+        "run=.*: a folder that echolearn train wrote; there is no such folder": {"run": tmp_path / "nowhere"},
         "make it: echolearn generate plan=scattered": {"run": away},
         "name=../up": {"name": "../up"},
     }

@@ -99,6 +99,7 @@ def _prove(folder: Path) -> None:
 
 def open_run(folder: Path) -> Run:
     """Return a finished run, every file of it proved."""
+    store.check_folder("run", folder, allowed="a folder that echolearn train wrote")
     folder = Path(folder).resolve()
     manifest = store.verify(folder)
     check("calibration" in manifest, "run", folder, allowed="a folder that echolearn train wrote")
@@ -107,9 +108,14 @@ def open_run(folder: Path) -> Run:
 
 def choose(comparison: Path) -> Run:
     """Return the run that a comparison's report calls its best, that of the best seed on its own validation rows."""
+    allowed, hint = (
+        "a folder that echolearn compare wrote",
+        "make paper makes runs/compare/paper, or: echolearn compare",
+    )
+    store.check_folder("best", comparison, allowed=allowed, hint=hint)
     folder = comparison.resolve()
     manifest = store.verify(folder)
-    check(manifest.get("kind") == "comparison", "best", folder, allowed="a folder that echolearn compare wrote")
+    check(manifest.get("kind") == "comparison", "best", folder, allowed=allowed)
     contestants: dict[Contestant, list[Run]] = defaultdict(list)
     for identity, expected in manifest["inputs"]["runs"].items():
         found = open_run(folder.parents[1] / "train" / identity)
