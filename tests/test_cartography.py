@@ -5,6 +5,7 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 import yaml
 from scipy.io import wavfile
 
-from echolearn import audio, metrics, recording
+from echolearn import audio, description, metrics, recording
 from echolearn.cartography import draw
 from echolearn.cli import main
 from echolearn.geometry import circular_array, distance_to_outline, outline
@@ -23,7 +24,7 @@ from echolearn.rir.images import Images
 from echolearn.rir.pyroom import Pyroom
 from echolearn.simulate import Scene
 from echolearn.trained import load_runs
-from echolearn.types import BadValue, Probe, Room
+from echolearn.types import Array, BadValue, Probe, Room
 from world import HALL, POSES, World, coming_second, plans
 
 FILES = ["manifest.json", "map.csv", "map.pgm", "map.ply", "map.svg", "map.yaml", "walls.csv"]
@@ -224,6 +225,52 @@ def test_another_simulator_at_another_rate_with_a_turned_array_is_mapped(packed:
     true = distance_to_outline(points, outline(tower)) <= metrics.TOLERANCE
     assert true.mean() > 0.8 and kept.sum() >= 12
     assert true[kept].mean() >= 0.9
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (lambda x: np.clip(x, -0.2 * x.std(), 0.2 * x.std()), "observations/0033.wav: microphone 1 clipped at "),
+        (lambda x: x * (np.arange(6) > 0), "observations/0033.wav: silence at microphone 1: a reference that hears; "
+         "localizer=joint and localizer=em, or a bundle trained with one of them, can do without it"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_recording_is_said_of_its_file(
+    fault: Callable[[Array], Array], said: str, packed: Path, walk: Path, tmp_path: Path
+) -> None:
+    path = walk / "observations" / "0033.wav"
+    wavfile.write(path, 22050, fault(wavfile.read(path)[1]).astype(np.float32))
+    with pytest.raises(BadValue, match=said):
+        draw(survey=walk, bundle=packed, runs=tmp_path)
+
+
+def test_where_nothing_is_kept_there_is_advice(
+    packed: Path, walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Noise has no echoes; of 36 poses with it one might be believed, of 4 none."""
+    draw(survey=walk, bundle=packed, runs=tmp_path)
+    assert "no echo is believed" not in capsys.readouterr().out
+    (walk / "poses.csv").write_text("".join((walk / "poses.csv").read_text().splitlines(keepends=True)[:5]))
+    for seed, name in enumerate(recording.read(walk).files):
+        noise = np.random.default_rng(seed).standard_normal((6, 6000))
+        (walk / name).write_bytes(audio.wav_bytes(noise, 22050.0))
+    folder = draw(survey=walk, bundle=packed, runs=tmp_path)
+    assert json.loads((folder / "manifest.json").read_text())["kept"] == 0
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    assert first.startswith("4 poses, 0 echoes kept")
+    assert second.startswith(
+        "no echo is believed; is the direct path removed (calibration.wav, direct=), is speed_of_s"
+    )
+
+
+@pytest.mark.parametrize("resample", [False, True])
+def test_a_rate_too_low_for_the_bundle_is_refused(resample: bool, packed: Path, walk: Path, tmp_path: Path) -> None:
+    edit(walk, sample_rate=16000.0)
+    for name in ("probe.wav", *description.read_poses(walk / "poses.csv")[2]):
+        wavfile.write(walk / name, 16000, wavfile.read(walk / name)[1])
+    said = "survey.yaml sample_rate=16000 Hz: at least 22050 Hz; the rate is too low: the bundle listens up to 11025 Hz"
+    with pytest.raises(BadValue, match=said):
+        draw(survey=walk, bundle=packed, runs=tmp_path, resample=resample)
 
 
 def test_what_does_not_fit_is_refused_and_nothing_is_left(packed: Path, walk: Path, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ if that was chosen, and whether a bag for ROS is among its files. A finished one
 import hashlib
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +24,12 @@ from echolearn.types import BadValue, Echoes, EchoMap, Observation, check, check
 
 SCORES = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
 """Metrics that are shown where the room is known."""
+
+ADVICE = (
+    "is the direct path removed (calibration.wav, direct=), is speed_of_sound right, "
+    "was the bundle trained for such rooms and noise?"
+)
+"""Where nothing is kept."""
 
 
 def draw(
@@ -106,6 +112,10 @@ def check_fit(scorer: Scorer, walk: recording.Survey) -> None:
     """Raise `BadValue` if a survey's microphones, sample rate or probe are not the bundle's, before it is heard."""
     count, wanted = len(walk.array), len(scorer.bundle.array)
     check(count == wanted, f"{walk.folder}/survey.yaml microphones", count, allowed=f"{wanted}, the bundle's")
+    rate, expected = walk.probe.sample_rate, scorer.bundle.probe.sample_rate
+    hint = f"the rate is too low: the bundle listens up to {expected / 2:g} Hz"
+    name, allowed = f"{walk.folder}/survey.yaml sample_rate", f"at least {expected:g} Hz"
+    check(rate >= expected, name, f"{rate:g} Hz", allowed=allowed, hint=hint)
     silence = np.broadcast_to(0.0, (count, walk.probe.length))
     nothing = Observation(silence, walk.probe, walk.array, walk.speed_of_sound)
     try:
@@ -125,10 +135,25 @@ def listen(scorer: Scorer, walk: recording.Survey) -> Heard:
     """Hear every recording of a survey, block by block."""
     heard = []
     for block in track(recording.blocks(walk), f"map {walk.folder.name}", unit="blocks"):
-        heard.append(scorer.listen(walk.observe(block), [walk.poses[pose] for pose in block]))
+        heard.append(_listen(scorer, walk, block))
     echoes = Echoes(*(np.concatenate([getattr(h.echoes, name) for h in heard]) for name in vars(heard[0].echoes)))
     found = EchoMap(*(np.concatenate([getattr(h.map, name) for h in heard]) for name in vars(heard[0].map)))
     return Heard(echoes, found)
+
+
+def _listen(scorer: Scorer, walk: recording.Survey, block: Sequence[int]) -> Heard:
+    """Hear a block of recordings; what is wrong with one of them is said of its file."""
+    try:
+        return scorer.listen(walk.observe(block), [walk.poses[pose] for pose in block])
+    except BadValue as error:
+        if not str(error).startswith("observation.samples="):
+            raise
+        if len(block) == 1:
+            told = str(error).removeprefix("observation.samples=").replace(" of observation 0", "")
+            raise BadValue(f"{walk.folder / walk.files[block[0]]}: {told}") from None
+        for pose in block:
+            _listen(scorer, walk, [pose])
+        raise
 
 
 def scores(chart: Chart) -> dict[str, float | None] | None:
@@ -145,6 +170,8 @@ def scores(chart: Chart) -> dict[str, float | None] | None:
 def say(about: Mapping[str, Any]) -> None:
     """Print what a map holds and what it is worth."""
     print(f"{about['poses']} poses, {about['kept']} echoes kept, {about['lines']} walls fitted")
+    if not about["kept"]:
+        print(f"no echo is believed; {ADVICE}")
     for name in SCORES if about["scores"] else ():
         value = about["scores"][name]
         print(f"  {name:17}" + ("undefined" if value is None else f"{value:.3f}"))
