@@ -273,6 +273,18 @@ def test_a_rate_too_low_for_the_bundle_is_refused(resample: bool, packed: Path, 
         draw(survey=walk, bundle=packed, runs=tmp_path, resample=resample)
 
 
+def test_an_extent_too_large_for_the_grid_is_refused_with_nothing_written(
+    packed: Path, walk: Path, tmp_path: Path
+) -> None:
+    """One pose 9 km away would need 60 000 million cells."""
+    lines = (walk / "poses.csv").read_text().splitlines()
+    index, _, _, *rest = lines[1].split(",")
+    (walk / "poses.csv").write_text("\n".join([lines[0], ",".join([index, "9000", "9000", *rest]), *lines[2:]]))
+    with pytest.raises(BadValue, match=r"^resolution=0.05 m: at most 16000000 cells; choose a larger one; are the pos"):
+        draw(survey=walk, bundle=packed, runs=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_does_not_fit_is_refused_and_nothing_is_left(packed: Path, walk: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
 

@@ -163,8 +163,8 @@ def test_unresolved_configurations_show_where_values_come_from() -> None:
         ("~plan.sdnr_db", "keys are set, not deleted; set it to null"),
         ("~nothing", "there is no key nothing"),
         ("runs=a,b", "several values need -m"),
-        ("plan=[", "no viable alternative"),
-        ("runs", "missing EQUAL"),
+        ("plan=[", "cannot be read; are quotes or brackets missing?"),
+        ("runs", "runs: cannot be read; it is no key=value"),
         ("choice.plan=x", "there is no key choice.plan"),
         ("command=x", "there is no key command"),
         ("hydra.run.dir=x", "hydra's own settings are fixed"),
@@ -299,3 +299,18 @@ def test_a_plain_command_line_reads_words_as_hydra_does(word: str) -> None:
 def test_a_plain_command_line_refuses_slips(word: str, said: str) -> None:
     with pytest.raises(UsageError, match=said):
         plainly("map", [word])
+
+
+@pytest.mark.parametrize("path", ["s/küche", "s/x'y", "s/a=b", "s/(a)", "~/x", "a;b", "a#b"])
+def test_paths_that_hydra_cannot_read_are_quoted_twice(path: str) -> None:
+    with pytest.raises(UsageError) as refused:
+        compose("map", [f"survey={path}"])
+    said, _, advice = str(refused.value).partition("; quote it twice: ")
+    assert said == f"survey={path}: cannot be read"
+    assert one("map", *shlex.split(advice))["survey"] == plainly("map", [f"survey={path}"])["survey"] == path
+
+
+@pytest.mark.parametrize("word", ["survey=[a", "survey={a", 'survey=a"b', "survey", "'"])
+def test_words_that_hydra_cannot_read_are_one_plain_line(word: str) -> None:
+    with pytest.raises(UsageError, match=r": cannot be read; (are quotes or brackets missing\?|it is no key=value)$"):
+        compose("map", [word])

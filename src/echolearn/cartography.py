@@ -18,7 +18,7 @@ import numpy as np
 from echolearn import deploy, disk, metrics, provenance, recording, store
 from echolearn.deploy import Heard, Scorer
 from echolearn.direct import WAYS
-from echolearn.mapfiles import Chart, grid, mcap, ply, svg, table
+from echolearn.mapfiles import Chart, Files, grid, mcap, ply, svg, table
 from echolearn.progress import track
 from echolearn.types import BadValue, Echoes, EchoMap, Observation, check, check_name, check_number
 
@@ -88,8 +88,9 @@ def draw(
         chart = _chart(name, walk, listen(scorer, walk), resolution=float(resolution))
         found = {"kind": "map", "inputs": inputs, "scores": scores(chart), "lines": len(chart.lines)}
         found |= {"poses": len(chart.path), "kept": int(np.sum(chart.map.kept)), **store.made_by(command)}
+        files = _files(chart, ros=ros)
         with disk.alone(folder, waiting=f"map {name}: waiting for another command that writes it"):
-            found = _finished(folder, inputs) or _write(folder, chart, found, ros=ros)
+            found = _finished(folder, inputs) or _write(folder, files, found)
     say(found)
     return folder
 
@@ -192,10 +193,14 @@ def _finished(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
     return found if found.get("inputs") == inputs else None
 
 
-def _write(folder: Path, chart: Chart, about: Mapping[str, Any], *, ros: bool) -> dict[str, Any]:
-    """Write a map in place of the one before, once it is known that all of it can be; return its manifest."""
+def _files(chart: Chart, *, ros: bool) -> Files:
+    """Return the files of a map, by name."""
     writers = (table, ply, grid, svg, *((mcap,) if ros else ()))
-    files = {name: content for writer in writers for name, content in writer.write(chart).items()}
+    return {name: content for writer in writers for name, content in writer.write(chart).items()}
+
+
+def _write(folder: Path, files: Files, about: Mapping[str, Any]) -> dict[str, Any]:
+    """Write a map in place of the one before, once it is known that all of it can be; return its manifest."""
     for path in (folder / name for name in (*files, store.MANIFEST)):
         check(path.is_file() or not path.exists(), str(path), "no plain file", allowed="a file of a map, or none")
     bag = folder / mcap.FOLDER
@@ -203,7 +208,7 @@ def _write(folder: Path, chart: Chart, about: Mapping[str, Any], *, ros: bool) -
     _tell_replaced(folder, about["inputs"])
     disk.clean(folder)
     disk.clean(bag)
-    if not ros:
+    if not {*mcap.FILES} & {*files}:
         mcap.remove(folder)  # that of the map before
     for name, content in files.items():
         disk.write_atomic(folder / name, content)

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 from echolearn.types import BadValue, check
 
 if TYPE_CHECKING:
+    from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.core.override_parser.types import Override
     from omegaconf import DictConfig
 
@@ -201,7 +202,7 @@ def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, Sequence
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
     parser = OverridesParser.create(GlobalHydra.instance().config_loader())
-    given = parser.parse_overrides(list(words))
+    given = [_parsed(parser, word) for word in words]
     parse = cache(parser.parse_override)
     chooses = cache(lambda word: _chooses(parse(word)))
     for job in product(*(_spread(override, many=many) for override in given)):
@@ -212,6 +213,22 @@ def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, Sequence
             [_chosen(parse(word)) for word in job if chooses(word)],
             [parse(word) for word in job if not chooses(word)],
         )
+
+
+def _parsed(parser: "OverridesParser", word: str) -> "Override":
+    """Return an override; one that Hydra's grammar cannot read is refused with the quotes that it needs."""
+    from hydra.errors import OverrideParseException
+
+    try:
+        return parser.parse_overrides([word])[0]
+    except OverrideParseException as error:
+        key, equal, value = word.partition("=")
+        if equal and str(error).startswith("Error parsing"):  # a function, which says what it misses
+            raise
+        quoted = "{}='{}'".format(key, value.replace("'", "\\'"))
+        plain = not {*value} & {*'[{"$`\\'}
+        hint = f'quote it twice: "{quoted}"' if plain else "are quotes or brackets missing?"
+        raise UsageError(f"{word}: cannot be read; {hint if equal else 'it is no key=value'}") from error
 
 
 def _spread(override: "Override", *, many: bool) -> list[str]:
