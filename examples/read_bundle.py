@@ -8,10 +8,14 @@ your own, give `confidence` rows of the columns that `bundle.json` names, in the
 
 import hashlib
 import json
+import os
 import sys
 from pathlib import Path
 
 import numpy as np
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # which onnxruntime would keep in the home folder
+
 import onnxruntime
 
 
@@ -52,4 +56,11 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    if len(sys.argv) != 2:
+        sys.exit("usage: python read_bundle.py <folder of a bundle>")
+    try:
+        main(Path(sys.argv[1]))
+    except OSError as error:
+        sys.exit(f"{error.filename}: {error.strerror}")
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        sys.exit(f"{sys.argv[1]}: is no bundle ({type(error).__name__}: {error})")

@@ -5,6 +5,7 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 import yaml
 from scipy.io import wavfile
 
-from echolearn import audio, metrics, recording
+from echolearn import audio, description, metrics, recording
 from echolearn.cartography import draw
 from echolearn.cli import main
 from echolearn.geometry import circular_array, distance_to_outline, outline
@@ -23,8 +24,8 @@ from echolearn.rir.images import Images
 from echolearn.rir.pyroom import Pyroom
 from echolearn.simulate import Scene
 from echolearn.trained import load_runs
-from echolearn.types import BadValue, Probe, Room
-from world import HALL, POSES, World, plans
+from echolearn.types import Array, BadValue, Probe, Room
+from world import HALL, POSES, World, coming_second, plans
 
 FILES = ["manifest.json", "map.csv", "map.pgm", "map.ply", "map.svg", "map.yaml", "walls.csv"]
 
@@ -86,6 +87,60 @@ def test_a_finished_map_is_shown_again_and_another_survey_makes_another(
     draw(survey=walk, bundle=packed, runs=tmp_path)
     assert "precision" not in capsys.readouterr().out.split("fitted")[-1]
     assert json.loads((folder / "manifest.json").read_text())["scores"] is None
+
+
+def test_a_map_killed_at_its_first_file_is_made_again(packed: Path, walk: Path, tmp_path: Path) -> None:
+    left = tmp_path / "maps" / "walk-small" / ".map.csv.0123456789ab.tmp"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"index")
+    assert sorted(content(draw(survey=walk, bundle=packed, runs=tmp_path))) == FILES
+
+
+def test_of_two_maps_at_once_the_second_waits_and_replaces_the_first(
+    world: World, packed: Path, walk: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """None is a mixture; that the map was another's is told, once, whoever asks."""
+    other = draw(survey=world.runs / "survey" / "hall_-10dB", bundle=packed, runs=tmp_path / "other", name="one")
+    expected = content(draw(survey=walk, bundle=packed, runs=tmp_path / "same", name="one"))
+    folder, told = tmp_path / "maps" / "one", "replaces the map of another survey or bundle"
+    assert told not in capfd.readouterr().err
+
+    def work() -> Path:
+        return draw(survey=walk, bundle=packed, runs=tmp_path, name="one")
+
+    coming_second(work, folder, lambda: shutil.copytree(other, folder), lambda: capfd.readouterr().err)
+    assert content(folder) == expected
+    assert capfd.readouterr().err.splitlines() == [f"{folder}: {told}"]
+    draw(survey=walk, bundle=packed, runs=tmp_path, name="one", resolution=0.1)
+    shutil.rmtree(folder)
+    coming_second(
+        work,
+        folder,
+        lambda: shutil.copytree(tmp_path / "same" / "maps" / "one", folder),
+        lambda: capfd.readouterr().err,
+    )
+    assert content(folder) == expected and told not in capfd.readouterr().err
+
+
+def test_nothing_is_rewritten_before_it_is_known_that_all_can_be(packed: Path, walk: Path, tmp_path: Path) -> None:
+    folder = draw(survey=walk, bundle=packed, runs=tmp_path, name="one")
+    before = content(folder)
+    for name, put, said in (
+        ("bag", lambda path: path.write_bytes(b""), "bag=a file: a folder, or none"),
+        ("map.svg", lambda path: (path.unlink(), path.mkdir()), "map.svg=no plain file: a file of a map, or none"),
+    ):
+        put(folder / name)
+        left = {path: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+        with pytest.raises(BadValue, match=said):
+            draw(survey=walk, bundle=packed, runs=tmp_path, name="one", resolution=0.1, ros=name == "bag")
+        assert {path: path.read_bytes() for path in folder.iterdir() if path.is_file()} == left
+        (folder / name).unlink() if name == "bag" else (folder / name).rmdir()
+    assert content(draw(survey=walk, bundle=packed, runs=tmp_path, name="one")) == before
+    (tmp_path / "maps" / "two").write_bytes(b"")
+    with pytest.raises(BadValue, match="name=two: a new name, or that of a map; .* is something else"):
+        draw(survey=walk, bundle=packed, runs=tmp_path, name="two")
+    with pytest.raises(BadValue, match="cannot be written"):
+        draw(survey=walk, bundle=packed, runs=Path("/dev/null"), name="one")
 
 
 def test_a_direct_path_that_is_present_is_removed(world: World, packed: Path, walk: Path, tmp_path: Path) -> None:
@@ -172,6 +227,64 @@ def test_another_simulator_at_another_rate_with_a_turned_array_is_mapped(packed:
     assert true[kept].mean() >= 0.9
 
 
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (lambda x: np.clip(x, -0.2 * x.std(), 0.2 * x.std()), "observations/0033.wav: microphone 1 clipped at "),
+        (lambda x: x * (np.arange(6) > 0), "observations/0033.wav: silence at microphone 1: a reference that hears; "
+         "localizer=joint and localizer=em, or a bundle trained with one of them, can do without it"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_recording_is_said_of_its_file(
+    fault: Callable[[Array], Array], said: str, packed: Path, walk: Path, tmp_path: Path
+) -> None:
+    path = walk / "observations" / "0033.wav"
+    wavfile.write(path, 22050, fault(wavfile.read(path)[1]).astype(np.float32))
+    with pytest.raises(BadValue, match=said):
+        draw(survey=walk, bundle=packed, runs=tmp_path)
+
+
+def test_where_nothing_is_kept_there_is_advice(
+    packed: Path, walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Noise has no echoes; of 36 poses with it one might be believed, of 4 none."""
+    draw(survey=walk, bundle=packed, runs=tmp_path)
+    assert "no echo is believed" not in capsys.readouterr().out
+    (walk / "poses.csv").write_text("".join((walk / "poses.csv").read_text().splitlines(keepends=True)[:5]))
+    for seed, name in enumerate(recording.read(walk).files):
+        noise = np.random.default_rng(seed).standard_normal((6, 6000))
+        (walk / name).write_bytes(audio.wav_bytes(noise, 22050.0))
+    folder = draw(survey=walk, bundle=packed, runs=tmp_path)
+    assert json.loads((folder / "manifest.json").read_text())["kept"] == 0
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    assert first.startswith("4 poses, 0 echoes kept")
+    assert second.startswith(
+        "no echo is believed; is the direct path removed (calibration.wav, direct=), is speed_of_s"
+    )
+
+
+@pytest.mark.parametrize("resample", [False, True])
+def test_a_rate_too_low_for_the_bundle_is_refused(resample: bool, packed: Path, walk: Path, tmp_path: Path) -> None:
+    edit(walk, sample_rate=16000.0)
+    for name in ("probe.wav", *description.read_poses(walk / "poses.csv")[2]):
+        wavfile.write(walk / name, 16000, wavfile.read(walk / name)[1])
+    said = "survey.yaml sample_rate=16000 Hz: at least 22050 Hz; the rate is too low: the bundle listens up to 11025 Hz"
+    with pytest.raises(BadValue, match=said):
+        draw(survey=walk, bundle=packed, runs=tmp_path, resample=resample)
+
+
+def test_an_extent_too_large_for_the_grid_is_refused_with_nothing_written(
+    packed: Path, walk: Path, tmp_path: Path
+) -> None:
+    """One pose 9 km away would need 60 000 million cells."""
+    lines = (walk / "poses.csv").read_text().splitlines()
+    index, _, _, *rest = lines[1].split(",")
+    (walk / "poses.csv").write_text("\n".join([lines[0], ",".join([index, "9000", "9000", *rest]), *lines[2:]]))
+    with pytest.raises(BadValue, match=r"^resolution=0.05 m: at most 16000000 cells; choose a larger one; are the pos"):
+        draw(survey=walk, bundle=packed, runs=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_does_not_fit_is_refused_and_nothing_is_left(packed: Path, walk: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
 
@@ -181,10 +294,16 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(packed: Path, walk: Pa
         assert "\n" not in str(refused.value) and not out.exists()
         return str(refused.value)
 
-    assert "a folder that echolearn export wrote" in refusal(bundle=tmp_path / "nowhere")
+    assert "a folder that echolearn export wrote; there is no such folder" in refusal(bundle=tmp_path / "nowhere")
+    assert "a folder in the recorded-survey format; there is no such folder" in refusal(survey=tmp_path / "nowhere")
+    assert "it is no folder" in refusal(survey=walk / "survey.yaml")
+    assert "this is a survey; did you swap survey and bundle?" in refusal(bundle=walk)
+    assert "this is a bundle; did you swap survey and bundle?" in refusal(survey=packed)
     assert "survey.yaml: cannot be read" in refusal(survey=tmp_path)
     assert "name=../up" in refusal(name="../up")
     assert "resolution=0 m" in refusal(resolution=0)
+    assert "name=nnnnnnnnnnnnnnnnnnnn...: at most 100 bytes; it has 101" in refusal(name="n" * 101)
+    assert "resample=maybe: true or false" in refusal(resample="maybe")
     rate, samples = wavfile.read(walk / "probe.wav")
     wavfile.write(walk / "probe.wav", 44100, samples)
     edit(walk, sample_rate=44100.0)

@@ -124,7 +124,24 @@ def test_a_configuration_can_be_shown_instead_of_run(elsewhere: Path, capsys: py
         ("survey room.size=[8,6]", 1, "room.size=[8, 6]: three lengths in m"),
         ("compare", 1, "runs=runs: a folder with trained runs"),
         ("verify", 2, "verify: name one or more folders"),
-        ("verify nowhere", 1, "nowhere: not finished, there is no manifest.json"),
+        ("verify nowhere", 1, "folder=nowhere: one that echolearn made; there is no such folder"),
+        ("verify /dev/null", 1, "folder=/dev/null: one that echolearn made; it is no folder"),
+        (
+            "verify .",
+            1,
+            ".: not finished, there is no manifest.json, metrics.json or bundle.json, or none of echolearn's",
+        ),
+        ("verify --foo", 2, "--foo: there is no such option; verify takes folders, ./--foo if it is one"),
+        ("verify . --foo", 2, "--foo: there is no such option"),
+        ("export run=nope", 1, "run=nope: a folder that echolearn train wrote; there is no such folder"),
+        ("export run=/dev/null", 1, "run=/dev/null: a folder that echolearn train wrote; it is no folder"),
+        (
+            "export best=runs/compare/paper",
+            1,
+            "there is no such folder; make paper makes runs/compare/paper, or: echol",
+        ),
+        ("survey runs=/dev/null", 1, "cannot be written (Not a directory); is the folder the right one?"),
+        ("generate runs=/dev/null plan=tiny", 1, "(Not a directory); is the folder the right one?"),
     ],
 )
 def test_a_mistake_is_one_line_and_leaves_nothing_behind(
@@ -137,6 +154,11 @@ def test_a_mistake_is_one_line_and_leaves_nothing_behind(
     assert err.count("\n") == 1
     assert said in err
     assert list(elsewhere.iterdir()) == []
+
+
+def test_an_empty_name_is_not_this_folder(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["verify", ""]) == 1
+    assert capsys.readouterr().err == "error: folder=: one that echolearn made; is a variable of the shell empty?\n"
 
 
 def test_a_traceback_leads_to_where_a_configuration_is_wrong() -> None:

@@ -1,12 +1,13 @@
 """From YAML and overrides to plain containers, and from these to objects."""
 
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from echolearn.config import UsageError, build, compose, dotted, folder, suggest
+from echolearn.config import UsageError, build, compose, dotted, folder, plainly, suggest
 from echolearn.geometry import SearchWindow
 from echolearn.types import BadValue, Room
 
@@ -162,8 +163,8 @@ def test_unresolved_configurations_show_where_values_come_from() -> None:
         ("~plan.sdnr_db", "keys are set, not deleted; set it to null"),
         ("~nothing", "there is no key nothing"),
         ("runs=a,b", "several values need -m"),
-        ("plan=[", "no viable alternative"),
-        ("runs", "missing EQUAL"),
+        ("plan=[", "cannot be read; are quotes or brackets missing?"),
+        ("runs", "runs: cannot be read; it is no key=value"),
         ("choice.plan=x", "there is no key choice.plan"),
         ("command=x", "there is no key command"),
         ("hydra.run.dir=x", "hydra's own settings are fixed"),
@@ -254,3 +255,62 @@ def test_a_call_without_keys_says_so() -> None:
     [(_, config)] = compose("survey", ["rir.order=3"])
     with pytest.raises(BadValue, match=r"^rir\.order=3: there is no such key; it has none$"):
         build(config["rir"], "rir")
+
+
+# ---------------------------------------------------------------- names, paths, and the command line of a robot
+
+
+@pytest.mark.parametrize("read", [one, plainly])
+def test_names_and_paths_may_look_like_numbers(read: Callable[..., dict[str, Any]]) -> None:
+    words = ["survey=2026", "bundle=007", "name=-5"]
+    found = read("map", *words) if read is one else read("map", words)
+    assert [found[key] for key in ("survey", "bundle", "name", "runs")] == ["2026", "007", "-5", "runs"]
+
+
+@pytest.mark.parametrize("word", ["runs=[a]", "runs=1.5", "survey=true", "bundle={a:1}"])
+@pytest.mark.parametrize("hydra", [True, False])
+def test_what_is_no_path_is_refused(word: str, hydra: bool) -> None:
+    with pytest.raises(BadValue, match=r"^(runs|survey|bundle)=.*: a path; quote it twice"):
+        compose("map", [word]) if hydra else plainly("map", [word])
+    with pytest.raises(BadValue, match=r"^name=\['a'\]: a name; quote"):
+        compose("map", ["name=[a]"]) if hydra else plainly("map", ["name=[a]"])
+
+
+WORDS = """
+    true TRUE False yes no on off null NULL 0 5 -5 +5 1_000 1e-1 1E3 .5 2. 0.25 inf -nan 010 0x10 12:30
+    2026-01-01 1e 1__0 a ./x 'a' "5" [1,2] [] e i
+""".split()
+
+
+@pytest.mark.parametrize("word", [*WORDS, "", " 5 ", "'a b'"])
+def test_a_plain_command_line_reads_words_as_hydra_does(word: str) -> None:
+    hydras, ours = one("map", f"resolution={word}"), plainly("map", [f"resolution={word}"])
+    assert repr(ours["resolution"]) == repr(hydras["resolution"])
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("runs=null", "runs=null: runs cannot be null"),
+        ("resolution=[1", r"resolution=\[1: cannot be read; are quotes or brackets missing"),
+        ("resampel=1", "resampel=1: there is no key resampel; did you mean resample"),
+    ],
+)
+def test_a_plain_command_line_refuses_slips(word: str, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        plainly("map", [word])
+
+
+@pytest.mark.parametrize("path", ["s/küche", "s/x'y", "s/a=b", "s/(a)", "~/x", "a;b", "a#b"])
+def test_paths_that_hydra_cannot_read_are_quoted_twice(path: str) -> None:
+    with pytest.raises(UsageError) as refused:
+        compose("map", [f"survey={path}"])
+    said, _, advice = str(refused.value).partition("; quote it twice: ")
+    assert said == f"survey={path}: cannot be read"
+    assert one("map", *shlex.split(advice))["survey"] == plainly("map", [f"survey={path}"])["survey"] == path
+
+
+@pytest.mark.parametrize("word", ["survey=[a", "survey={a", 'survey=a"b', "survey", "'"])
+def test_words_that_hydra_cannot_read_are_one_plain_line(word: str) -> None:
+    with pytest.raises(UsageError, match=r": cannot be read; (are quotes or brackets missing\?|it is no key=value)$"):
+        compose("map", [word])

@@ -1,5 +1,6 @@
 """A bundle at work: the laboratory's confidences and points, pose by pose, in a process that has nothing else."""
 
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -92,6 +93,30 @@ def test_a_gain_of_the_recording_and_a_louder_copy_of_the_probe_change_nothing(
     scorer.check(replace(observation, probe=louder))
     found = scorer.listen(replace(observation, samples=3.0 * observation.samples), walk.poses)
     assert np.allclose(found.map.confidence, scorer.listen(observation, walk.poses).map.confidence, atol=1e-4)
+
+
+@pytest.mark.parametrize("dtype", [np.int16, np.int32, np.float16, np.float32])
+def test_samples_of_any_real_dtype_give_the_points_of_floats(
+    dtype: type, scorer: Scorer, walk: recording.Survey, observation: Observation
+) -> None:
+    """As a sound card gives them; each recording fills the range of 16 bits, whose squares would wrap around."""
+    level = 30_000 / np.abs(observation.samples).max(axis=(1, 2))
+    for pose in range(4):
+        samples = np.rint(level[pose] * observation.samples[pose]).astype(dtype)
+        found = scorer.update(replace(observation, samples=samples), walk.poses[pose])
+        expected = scorer.update(replace(observation, samples=samples.astype(float)), walk.poses[pose])
+        exact = scorer.update(alone(observation, pose), walk.poses[pose])
+        assert np.array_equal(found.points, expected.points)
+        assert np.allclose(found.points, exact.points, atol=1e-3)
+
+
+def test_silence_is_refused_as_in_a_survey(scorer: Scorer, walk: recording.Survey, observation: Observation) -> None:
+    samples = observation.samples.copy()
+    samples[3] = 0.0
+    with pytest.raises(BadValue, match=r"^observation.samples=silence in \[3\]: recordings; was the recorder running"):
+        scorer.listen(replace(observation, samples=samples), walk.poses)
+    with pytest.raises(BadValue, match=r"^observation.samples=silence in \[0\]"):
+        scorer.update(replace(observation, samples=samples[3].astype(np.int16)), walk.poses[3])
 
 
 def test_recordings_of_another_robot_are_refused(
@@ -191,3 +216,9 @@ print(found.map.points[0, 0], found.map.confidence[0])
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     expected = deploy.load(packed).listen(observation, walk.poses[:1]).map
     assert np.allclose([float(word) for word in done.stdout.split()], [expected.points[0, 0], expected.confidence[0]])
+
+
+@pytest.mark.parametrize("module", ["echolearn.deploy", "echolearn.classify.onnx_model"])
+def test_what_imports_onnxruntime_keeps_it_out_of_the_home_folder(module: str, tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", f"import {module}"], env={**os.environ, "HOME": str(tmp_path)}, check=True)
+    assert not [path for path in tmp_path.rglob("*") if "onnxruntime" in path.name]

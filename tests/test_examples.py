@@ -1,6 +1,7 @@
 """Examples do what they say, on a real bundle."""
 
 import json
+import os
 import re
 import shlex
 import shutil
@@ -18,15 +19,16 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 EXAMPLE, SHORT = EXAMPLES / "read_bundle.py", EXAMPLES / "survey" / "short"
 
 
-def read(bundle: Path) -> subprocess.CompletedProcess[str]:
+def read(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run the example where echolearn cannot be imported."""
     code = "import runpy, sys; sys.modules['echolearn'] = None; runpy.run_path(sys.argv.pop(1), run_name='__main__')"
-    return subprocess.run([sys.executable, "-c", code, EXAMPLE, bundle], capture_output=True, text=True)
+    command, environment = [sys.executable, "-c", code, EXAMPLE, *words], os.environ | environment
+    return subprocess.run(command, capture_output=True, text=True, env=environment)  # type: ignore[arg-type]
 
 
-def test_a_bundle_is_read_by_its_documented_format_alone(packed: Path) -> None:
-    done = read(packed)
-    assert done.returncode == 0, done.stderr
+def test_a_bundle_is_read_by_its_documented_format_alone(packed: Path, tmp_path: Path) -> None:
+    done = read(packed, HOME=str(tmp_path))
+    assert done.returncode == 0 and done.stderr == "" and not any(tmp_path.iterdir())
     [difference] = re.findall(r"golden confidences: (\S+)", done.stdout)
     assert float(difference) <= 1e-5
     scorer = deploy.load(packed)
@@ -41,6 +43,30 @@ def test_damage_is_named(packed: Path, tmp_path: Path) -> None:
         (folder / name).write_bytes(data.replace(b"trees", b"birch", 1) if name.endswith("json") else data[:-1] + b"!")
         done = read(folder)
         assert done.returncode != 0 and f"{name}: damaged" in done.stderr
+
+
+def test_what_is_no_bundle_is_one_line(packed: Path, tmp_path: Path) -> None:
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "bundle.json").write_text("{}")
+    (tmp_path / "text").mkdir()
+    (tmp_path / "text" / "bundle.json").write_text("bundle")
+    (tmp_path / "list").mkdir()
+    (tmp_path / "list" / "bundle.json").write_text("[1]")
+    less = shutil.copytree(packed, tmp_path / "less")
+    (less / "model.onnx").unlink()
+    for words, said in (
+        ((), "usage: python read_bundle.py <folder of a bundle>"),
+        ((packed, packed), "usage: "),
+        ((tmp_path / "nowhere",), "nowhere/bundle.json: No such file or directory"),
+        ((EXAMPLE,), "read_bundle.py/bundle.json: Not a directory"),
+        ((tmp_path / "old",), "old: is no bundle (KeyError: 'sha256')"),
+        ((tmp_path / "text",), "text: is no bundle (JSONDecodeError: "),
+        ((tmp_path / "list",), "list: is no bundle ("),
+        ((less,), "less/model.onnx: No such file"),
+    ):
+        done = read(*words)
+        assert done.returncode == 1 and done.stdout == ""
+        assert said in done.stderr and done.stderr.count("\n") == 1
 
 
 def test_the_short_survey_is_what_its_command_makes(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from echolearn.geometry import circular_array
 from echolearn.signals import noise_probe
 from echolearn.trained import Run
 from echolearn.types import BadValue
-from world import World, pack, plans
+from world import World, coming_second, pack, plans
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -122,7 +122,7 @@ def test_what_cannot_be_exported_says_why_and_leaves_nothing(world: World, compa
         "run=None: a run's folder, or best=": {"run": None},
         "run=.*: a folder that echolearn train wrote": {"run": world.sets["grid"].folder},
         "best=.*: a folder that echolearn compare wrote": {"run": None, "best": folder},
-        "not finished": {"run": tmp_path / "nowhere"},
+        "run=.*: a folder that echolearn train wrote; there is no such folder": {"run": tmp_path / "nowhere"},
         "make it: echolearn generate plan=scattered": {"run": away},
         "name=../up": {"name": "../up"},
     }
@@ -140,6 +140,20 @@ def test_a_name_in_use_is_refused(world: World, packed: Path, tmp_path: Path) ->
     (tmp_path / "bundles" / "mine" / "thesis.txt").write_text("all of it")
     with pytest.raises(BadValue, match="holds something else"):
         pack(world, "svm_pair", tmp_path, name="mine")
+
+
+def test_of_two_exports_at_once_the_second_is_refused(
+    world: World, packed: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "bundles" / "small"
+    with pytest.raises(BadValue, match="holds the bundle of trees_features-"):
+        coming_second(
+            lambda: pack(world, "svm_pair", tmp_path),
+            folder,
+            lambda: shutil.copytree(packed, folder),
+            lambda: capfd.readouterr().err,
+        )
+    assert content(folder) == content(packed)
 
 
 def test_a_bundle_that_does_not_load_is_not_finished(

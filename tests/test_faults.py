@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import reference
-from echolearn import literal
+from echolearn import literal, signals
 from echolearn.geometry import SearchWindow, circular_array
 from echolearn.localize import Localizer, faults
 from echolearn.localize.em import Em
@@ -64,6 +64,18 @@ def test_what_is_not_finite(localizer: Localizer, value: float) -> None:
     refused(localizer, samples, r"^observation.samples=NaN or infinity: finite samples; is a microphone broken")
 
 
+@pytest.mark.parametrize("samples", [np.ones((1, 6, 9), complex), np.full((1, 6, 9), "1"), None, [[1.0], [1.0, 2.0]]])
+def test_samples_that_are_no_real_numbers(samples: Any) -> None:
+    with pytest.raises(BadValue, match=r"^observation.samples=dtype .*: real numbers, shape \(..., M, N\); give"):
+        Observation(samples, PROBE, RING)
+
+
+@pytest.mark.parametrize("speed", [0.0, np.nan, 3.43e5, "fast"])
+def test_a_speed_of_sound_that_is_none(speed: Any) -> None:
+    with pytest.raises(BadValue, match=r"^observation.speed_of_sound=.* m/s: a number from 100 to 2000 m/s; air is"):
+        Observation(heard(), PROBE, RING, speed)
+
+
 @names
 def test_channels_that_are_not_the_arrays(localizer: Localizer) -> None:
     refused(localizer, heard()[:, :5], r"^observation.samples=\(1, 5, 6000\): \(B, 6, N\), one channel for each")
@@ -106,6 +118,20 @@ def test_numbers_that_are_none(localizer: Localizer, name: str) -> None:
 
 
 # ---------------------------------------------------------------- survived
+
+
+@pytest.mark.parametrize("dtype", [np.int16, np.int32, np.uint16, np.float16, np.float32, np.longdouble])
+@names
+def test_any_real_dtype_gives_the_same_echoes(localizer: Localizer, dtype: type) -> None:
+    """Louder than the root of what an int16 holds, so that its squares would wrap around; uint16 has an offset."""
+    samples = (np.rint(8000 * heard()) + 12_000 * (dtype is np.uint16)).astype(dtype)
+    noise = np.rint(1000 * np.random.default_rng(1).standard_normal((6, 6000))).astype(np.int16)
+    told = {"noise_psd": signals.noise_psd(noise), "noise_covariance": signals.noise_covariance(noise)}
+    expected = localizer(Observation(samples.astype(float), PROBE, RING, **told))
+    found = localizer(Observation(samples, PROBE, RING, **told))
+    assert all(np.array_equal(getattr(found, name), value) for name, value in vars(expected).items())
+    assert found.toa[0, 0] * 22050.0 == pytest.approx(180, abs=0.51)
+    assert signals.noise_psd(noise).mean() == pytest.approx(1e6, rel=0.05)
 
 
 WITHOUT = [(one, 4) for one in OURS] + [(one, 1) for one in OURS if not isinstance(one, Snls | Gated | Peaks)]

@@ -1,5 +1,6 @@
 """Many jobs, wherever they run: all are done, failures are named, results come in order, each has one thread."""
 
+import errno
 import math
 import os
 import signal
@@ -12,7 +13,7 @@ from typing import Any
 import pytest
 
 from echolearn.config import UsageError
-from echolearn.launch import JobsFailed, run_all
+from echolearn.launch import JobsFailed, complaint, run_all
 
 ROOTS = [(f"x={x:g}", x) for x in (4.0, -1.0, 9.0, -4.0, 2.25)]
 
@@ -54,6 +55,21 @@ def test_all_jobs_are_done_and_failures_are_named(
     failures = [line for line in err.splitlines() if "error" in line]
     assert failures == [f"error: x={x}: ValueError: math domain error" for x in (-1, -4)]
     assert {path.name for path in tmp_path.iterdir()} == ({"it's = here"} if "launcher" in EVERYWHERE[where] else set())
+
+
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [
+        (errno.EACCES, "runs/a b: Permission denied; may you read and write there?"),
+        (errno.ENOTDIR, "runs/a b: Not a directory; there is a file where a folder should be"),
+        (errno.ENAMETOOLONG, "runs/a b: File name too long; choose a shorter name"),
+        (errno.EIO, "runs/a b: Input/output error; is it the right one?"),
+    ],
+)
+def test_errors_of_the_system_name_the_file_and_what_to_do(number: int, said: str) -> None:
+    error = OSError(number, os.strerror(number), "runs/a\nb")
+    assert complaint(error, trace=False, about="seed=1: ") == f"error: seed=1: {said}"
+    assert complaint(OSError("odd"), trace=False) == "error: OSError: odd"
 
 
 @pytest.mark.parametrize("where", ["processes", "joblib"])

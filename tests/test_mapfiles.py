@@ -163,6 +163,11 @@ def test_nav2_finds_walls_and_walk_of_an_l_where_they_are_and_nowhere_else() -> 
     assert (np.ptp(centres, axis=0) > [5.9, 5.4]).all()  # from wall to wall
 
 
+def test_walls_are_drawn_above_points() -> None:
+    kinds = [part.get("class") for part in ElementTree.fromstring(svg.write(angled())["map.svg"])]
+    assert "wall" in kinds and kinds.index("wall") > max(k for k, kind in enumerate(kinds) if kind == "kept")
+
+
 def test_the_drawing_has_equal_axes_and_every_point(chart: Chart) -> None:
     root = ElementTree.fromstring(svg.write(chart)["map.svg"])
     kept, rejected = (root.findall(f".//*[@class='{kind}']") for kind in ("kept", "rejected"))

@@ -265,6 +265,18 @@ def test_what_may_be_beside_the_recordings_is_no_link(folder: Path, name: str) -
         ({"loudspeaker": [0.0, 0.0]}, "loudspeaker=[0.0, 0.0]: 3 finite numbers in m"),
         ({"walls": [[0, 0, 0], [1, 0, 0]]}, "walls=[[0, 0, 0], [1, 0, 0]]: many x 2"),
         ({"walls": "brick"}, "walls=brick"),
+        ({"walls": []}, "walls=[]: many x 2"),
+        ({"walls": [[0, 0], [4, 0]]}, "walls=2 corners: null, or 3 to 1000 distinct corners in order around an area"),
+        ({"walls": [[0, 0], [4, 0], [4, 3], [0, 0]]}, "walls=1 corners twice: null, or 3 to 1000 distinct corners"),
+        ({"walls": [[0, 0], [4, 0], [8, 0]]}, "walls=an area of 0 m^2: null, or 3 to 1000 distinct corners"),
+        ({"walls": [[0, 0], [4, 3], [4, 0], [0, 3]]}, "walls=an area of 0 m^2: null, or"),
+        ({"walls": [[k % 99, k // 99] for k in range(1001)]}, "walls=1001 corners: null, or 3 to 1000"),
+        ({"walls": [[0, 0], [8000, 0], [8000, 12000]]}, "walls=12000 m: coordinates from -10000 to 10000 m; are"),
+        (
+            {"microphones": [[200, 0, k] for k in range(3)]},
+            "microphones=200 m: coordinates from -100 to 100 m; are",
+        ),
+        ({"loudspeaker": [0, 0, -1e9]}, "loudspeaker=1e+09 m: coordinates from -100 to 100 m"),
         ({"conditions": "windy"}, "conditions=windy: a mapping"),
         ({"conditions": {"snr_db": "loud"}}, "conditions.snr_db=loud dB: a number from -200 to 200 dB; null, or"),
         ({"conditions": {"sdnr_db": [1.0]}}, "conditions.sdnr_db=[1.0] dB: a number"),
@@ -303,6 +315,26 @@ def test_keys_that_mean_nothing_are_refused(folder: Path, key: Any, message: str
     assert refusal(folder).startswith(f"{folder}/survey.yaml {message}")
 
 
+def test_a_key_that_must_be_there_may_be_misspelt(folder: Path) -> None:
+    path = folder / "survey.yaml"
+    path.write_text(path.read_text().replace("speed_of_sound", "sped_of_sound"))
+    assert refusal(folder).endswith("did you mean speed_of_sound?")
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("sample_rate: 44100.0\n", "key='sample_rate', 2 times: each key once"),
+        ("  snr_db: 5\n  noise: rotor\n", "key='snr_db', 2 times: each key once"),
+        ('"a\\n": 1\n"a\\n": 2\n', "key='a\\n', 2 times: each key once"),
+    ],
+)
+def test_a_key_that_is_twice_is_refused(folder: Path, more: str, said: str) -> None:
+    path = folder / "survey.yaml"
+    path.write_text(path.read_text() + more)
+    assert refusal(folder) == f"{path} {said}"
+
+
 @pytest.mark.parametrize("key", ["sample_rate", "speed_of_sound", "microphones", "loudspeaker", "direct_path"])
 def test_a_missing_key_is_named(folder: Path, key: str) -> None:
     content = yaml.safe_load((folder / "survey.yaml").read_text())
@@ -329,14 +361,28 @@ HEAD = "index,x_m,y_m,z_m,heading_rad,file\n"
     [
         ("", "no rows"),
         (HEAD, "no rows"),
-        ("index,x_m\n0,1\n", "KeyError('y_m')"),
-        (HEAD + "0,here,1,1,0,observations/0.wav\n", "could not convert"),
-        (HEAD + "0,1,1\n", "cannot be read"),
-        (HEAD + "0,1,1,1,0\n", "a row without file"),
-        (HEAD + "0,nan,1,1,0,observations/0.wav\n", "NaN or infinity"),
-        (HEAD + "0,1,1,1,inf,observations/0.wav\n", "NaN or infinity"),
-        (HEAD.replace("index,", "") + "1,1,1,0,observations/0.wav\n", "KeyError('index')"),
-        (HEAD + ",1,1,1,0,a\n", "index='': whole numbers of at most 19 digits; they name the poses in map.csv"),
+        ("index,x_m\n0,1\n", "=without y_m, z_m, heading_rad, file: the columns index,x_m,y_m,z_m,heading_rad,file; "),
+        (
+            HEAD.replace(",", ";") + "0;1;1;1;0;a\n",
+            "=without index, x_m, y_m, z_m, heading_rad, file: the columns index,",
+        ),
+        (HEAD.replace(",", "\t") + "0\t1\t1\t1\t0\ta\n", "file; is it separated by commas?"),
+        (HEAD + "0,here,1,1,0,a\n", " row 2 x_m='here': a number from -10000 to 10000 m; are decimals set off"),
+        (HEAD + "0,1,1,1,0,a\n\n1,1,1,,0,b\n", " row 4 z_m='': a number"),
+        (HEAD + "0,1,1\n", " row 2 z_m=None: a number"),
+        (HEAD + "0,1,5,2,5,1,0,a\n", " row 2=8 cells: 6; are decimals set off by a point, cells by commas?"),
+        (HEAD + "0,1,1,1,0\n", " row 2 file=None: the name of a recording, which can be printed"),
+        (HEAD + "0,1,1,1,0,\n", " row 2 file='': the name"),
+        (HEAD + "0,1,1,1,0,a\x07\n", " row 2 file='a\\x07': the name"),
+        (HEAD + "0,nan,1,1,0,observations/0.wav\n", " row 2 x_m='nan': a number"),
+        (HEAD + "0,1,1,1,inf,observations/0.wav\n", " row 2 heading_rad='inf': a number from -100 to 100 rad"),
+        (HEAD + "0,1,1,1,180,a\n", " row 2 heading_rad='180': a number from -100 to 100 rad; is it in degrees?"),
+        (
+            HEAD + "0,1,1,1,0,a\n1,1,12000,1,0,b\n",
+            " row 3 y_m='12000': a number from -10000 to 10000 m; are they in mm?",
+        ),
+        (HEAD.replace("index,", "") + "1,1,1,0,observations/0.wav\n", "=without index: the columns"),
+        (HEAD + ",1,1,1,0,a\n", " row 2 index='': whole numbers of at most 19 digits; they name the poses in map.csv"),
         (HEAD + "1.0,1,1,1,0,a\n", "index='1.0': whole"),
         (HEAD + "-1,1,1,1,0,a\n", "index='-1': whole"),
         (HEAD + "1_0,1,1,1,0,a\n", "index='1_0': whole"),
@@ -351,6 +397,14 @@ def test_bad_poses_are_refused(folder: Path, text: str, message: str) -> None:
     line = refusal(folder)
     assert line.startswith(f"{folder}/poses.csv")
     assert message in line
+
+
+def test_spreadsheets_may_begin_with_a_mark_and_set_blanks(folder: Path) -> None:
+    text = f"\ufeffindex, x_m , y_m, z_m, heading_rad, file\r\n7, 1.0, 2, 1.5, -3e-1, {FILES[0]},\r\n"
+    (folder / "poses.csv").write_text(text, encoding="utf-8", newline="")
+    survey = recording.read(folder)
+    assert (survey.numbers, survey.files, survey.poses[0].heading) == ((7,), (FILES[0],), -0.3)
+    assert survey.poses[0].position.tolist() == [1.0, 2.0, 1.5]
 
 
 def test_headings_and_positions_are_written_to_the_last_digit() -> None:
@@ -391,11 +445,11 @@ HOSTILE: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "NaN pose": (
         lambda f: (f / "poses.csv").write_text((f / "poses.csv").read_text().replace("1.1", "nan")),
-        "poses.csv=NaN or infinity",
+        "poses.csv row 3 x_m='nan'",
     ),
     "infinite pose": (
         lambda f: (f / "poses.csv").write_text((f / "poses.csv").read_text().replace("1.1", "1e999")),
-        "poses.csv=NaN or infinity",
+        "poses.csv row 3 x_m='1e999'",
     ),
     "path up": (
         lambda f: (f / "poses.csv").write_text((f / "poses.csv").read_text().replace(FILES[0], "../../etc/passwd")),

@@ -117,6 +117,10 @@ def test_noises_add_up_to_one_ratio() -> None:
         (lambda: noise_probe(sample_rate=22.05), "probe.sample_rate=22.05 Hz"),
         (lambda: noise_probe(sample_rate="fast"), "probe.sample_rate=fast Hz"),
         (lambda: Probe(np.ones(20), 22050.0, 10), "probe.length=10 samples"),
+        (lambda: Probe(np.ones((1, 20)), 22050.0, 40), "probe.samples=shape (1, 20): finite numbers, shape (L,)"),
+        (lambda: Probe(np.full(20, np.inf), 22050.0, 40), "probe.samples=NaN or infinity"),
+        (lambda: Probe(None, 22050.0, 40), "probe.samples=dtype object"),
+        (lambda: signals.noise_psd(np.ones(5000, complex)), "noise.recording=dtype complex128: real samples"),
     ],
 )
 def test_bad_probes_are_refused_in_one_line(make: object, name: str) -> None:

@@ -1,6 +1,7 @@
 """Simulated walks: the recordings are those of the poses, the folder is whole, always the same, and nobody else's."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from echolearn.noise.rotor import Rotor
 from echolearn.simulate import Scene, observe
 from echolearn.survey import noise_length, survey
 from echolearn.types import BadValue, Room
+from world import coming_second
 
 ROOM = Room((5.0, 4.5, 3.0), 0.2)
 Walk = Callable[..., Path]
@@ -181,6 +183,28 @@ def test_bad_walks_are_refused_before_anything_is_written(
     assert str(refused.value).startswith(message)
     assert "\n" not in str(refused.value)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_survey_killed_at_its_first_file_is_walked_again(finished: Path, walk: Walk, tmp_path: Path) -> None:
+    left = tmp_path / "survey" / "few" / ".simulated.json.0123456789ab.tmp"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"{")
+    assert contents(walk(tmp_path)) == contents(finished)
+
+
+def test_of_two_walks_at_once_the_second_is_refused_or_finds_the_first(
+    finished: Path, walk: Walk, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for seed, runs in ((0, tmp_path / "same"), (1, tmp_path / "other")):
+        folder = runs / "survey" / "few"
+
+        def work(seed: int = seed, runs: Path = runs) -> Path:
+            return walk(runs, seed=seed)
+
+        with pytest.raises(BadValue, match="was made with others") if seed else nullcontext():
+            coming_second(work, folder, lambda runs=runs: copied(finished, runs), lambda: capfd.readouterr().err)  # type: ignore[misc]
+        assert contents(folder) == contents(finished)
+        assert [path.name for path in folder.parent.iterdir()] == ["few"]
 
 
 def test_recordings_of_another_origin_are_never_overwritten(walk: Walk, tmp_path: Path) -> None:

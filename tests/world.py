@@ -3,13 +3,16 @@
 The sets are those that `generate` makes, one shard each and without its processes.
 """
 
+import time
 from collections import defaultdict
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-from echolearn import config, judge, store, training
+from echolearn import config, disk, judge, store, training
 from echolearn.compare import Walk, judge_set, judge_walk
 from echolearn.dataset import FORMAT, Dataset, folder_of, plain
 from echolearn.export import export
@@ -140,3 +143,23 @@ def judged(world: World) -> Comparison:
     rows = [row for verdict in verdicts for row in verdict.rows]
     tests = judge.correct(row for verdict in verdicts for row in verdict.tests)
     return Comparison(contestants, world.sets, heard, rows, tests)
+
+
+def coming_second(work: Callable[[], Any], path: Path, first: Callable[[], Any], heard: Callable[[], str]) -> Any:
+    """Let `work` come to `path` while another is there, who does `first` and goes; return what comes of it.
+
+    Args:
+        work: what waits.
+        path: file or folder that both change.
+        first: what is done meanwhile.
+        heard: what has been said on stderr since it was asked last.
+    """
+    with ThreadPoolExecutor(1) as pool:
+        with disk.alone(path):
+            coming, said = pool.submit(work), ""
+            while "waiting for another command" not in said and not coming.done():
+                time.sleep(0.01)
+                said += heard()
+            assert not coming.done()
+            first()
+        return coming.result()

@@ -7,6 +7,7 @@ header declares is compared with what is wanted before anything is unpacked. FLA
 flipped bit is an error there; in WAV it is noise.
 """
 
+import shlex
 import warnings
 from io import BytesIO
 from pathlib import Path
@@ -70,7 +71,8 @@ def read_flac(path: Path, sample_rate: float, *, shape: tuple[int, int]) -> Arra
     try:
         import soundfile
     except (ImportError, OSError):  # the latter where it comes without its library
-        raise BadValue(f"{path}: FLAC needs soundfile; pip install soundfile, or: flac -d {path.name}") from None
+        unpack = f"flac -d {shlex.quote(path.name)}, and name the WAV in poses.csv"
+        raise BadValue(f"{path}: FLAC needs soundfile; pip install soundfile, or: {unpack}") from None
     try:
         with path.open("rb") as file:
             check(file.read(4) == b"fLaC", str(path), "no FLAC", allowed="a FLAC file; other names are read as WAV")

@@ -88,7 +88,11 @@ def read(folder: Path) -> Bundle:
     """
     folder = Path(folder)
     place = folder / store.BUNDLE
-    check(folder.is_dir(), "bundle", folder, allowed="a folder that echolearn export wrote")
+    allowed = "a folder that echolearn export wrote"
+    store.check_folder("bundle", folder, allowed=allowed)
+    swapped = (folder / "survey.yaml").is_file() and not place.exists()
+    hint = "this is a survey; did you swap survey and bundle?"
+    check(not swapped, "bundle", folder, allowed=allowed, hint=hint)
     about = _parse(guard.read(place, limit=1 << 20), str(place))
     files = {name: _proved(folder / name, about["files"][name], limit=limit) for name, limit in LIMITS.items()}
     try:

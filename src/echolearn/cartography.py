@@ -6,7 +6,9 @@ if that was chosen, and whether a bag for ROS is among its files. A finished one
 
 import hashlib
 import math
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,12 +18,18 @@ import numpy as np
 from echolearn import deploy, disk, metrics, provenance, recording, store
 from echolearn.deploy import Heard, Scorer
 from echolearn.direct import WAYS
-from echolearn.mapfiles import Chart, grid, mcap, ply, svg, table
+from echolearn.mapfiles import Chart, Files, grid, mcap, ply, svg, table
 from echolearn.progress import track
 from echolearn.types import BadValue, Echoes, EchoMap, Observation, check, check_name, check_number
 
 SCORES = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
 """Metrics that are shown where the room is known."""
+
+ADVICE = (
+    "is the direct path removed (calibration.wav, direct=), is speed_of_sound right, "
+    "was the bundle trained for such rooms and noise?"
+)
+"""Where nothing is kept."""
 
 
 def draw(
@@ -58,6 +66,7 @@ def draw(
             where no bag can be written.
     """
     mcap.check_wanted(ros)
+    check(isinstance(resample, bool), "resample", resample, allowed="true or false")
     check_number("resolution", resolution, low=0.005, high=1.0, unit="m")
     name = name or f"{Path(survey).resolve().name}-{Path(bundle).resolve().name}"
     check_name("name", name)
@@ -79,7 +88,9 @@ def draw(
         chart = _chart(name, walk, listen(scorer, walk), resolution=float(resolution))
         found = {"kind": "map", "inputs": inputs, "scores": scores(chart), "lines": len(chart.lines)}
         found |= {"poses": len(chart.path), "kept": int(np.sum(chart.map.kept)), **store.made_by(command)}
-        _write(folder, chart, found, ros=ros)
+        files = _files(chart, ros=ros)
+        with disk.alone(folder, waiting=f"map {name}: waiting for another command that writes it"):
+            found = _finished(folder, inputs) or _write(folder, files, found)
     say(found)
     return folder
 
@@ -102,6 +113,10 @@ def check_fit(scorer: Scorer, walk: recording.Survey) -> None:
     """Raise `BadValue` if a survey's microphones, sample rate or probe are not the bundle's, before it is heard."""
     count, wanted = len(walk.array), len(scorer.bundle.array)
     check(count == wanted, f"{walk.folder}/survey.yaml microphones", count, allowed=f"{wanted}, the bundle's")
+    rate, expected = walk.probe.sample_rate, scorer.bundle.probe.sample_rate
+    hint = f"the rate is too low: the bundle listens up to {expected / 2:g} Hz"
+    name, allowed = f"{walk.folder}/survey.yaml sample_rate", f"at least {expected:g} Hz"
+    check(rate >= expected, name, f"{rate:g} Hz", allowed=allowed, hint=hint)
     silence = np.broadcast_to(0.0, (count, walk.probe.length))
     nothing = Observation(silence, walk.probe, walk.array, walk.speed_of_sound)
     try:
@@ -121,10 +136,25 @@ def listen(scorer: Scorer, walk: recording.Survey) -> Heard:
     """Hear every recording of a survey, block by block."""
     heard = []
     for block in track(recording.blocks(walk), f"map {walk.folder.name}", unit="blocks"):
-        heard.append(scorer.listen(walk.observe(block), [walk.poses[pose] for pose in block]))
+        heard.append(_listen(scorer, walk, block))
     echoes = Echoes(*(np.concatenate([getattr(h.echoes, name) for h in heard]) for name in vars(heard[0].echoes)))
     found = EchoMap(*(np.concatenate([getattr(h.map, name) for h in heard]) for name in vars(heard[0].map)))
     return Heard(echoes, found)
+
+
+def _listen(scorer: Scorer, walk: recording.Survey, block: Sequence[int]) -> Heard:
+    """Hear a block of recordings; what is wrong with one of them is said of its file."""
+    try:
+        return scorer.listen(walk.observe(block), [walk.poses[pose] for pose in block])
+    except BadValue as error:
+        if not str(error).startswith("observation.samples="):
+            raise
+        if len(block) == 1:
+            told = str(error).removeprefix("observation.samples=").replace(" of observation 0", "")
+            raise BadValue(f"{walk.folder / walk.files[block[0]]}: {told}") from None
+        for pose in block:
+            _listen(scorer, walk, [pose])
+        raise
 
 
 def scores(chart: Chart) -> dict[str, float | None] | None:
@@ -141,6 +171,8 @@ def scores(chart: Chart) -> dict[str, float | None] | None:
 def say(about: Mapping[str, Any]) -> None:
     """Print what a map holds and what it is worth."""
     print(f"{about['poses']} poses, {about['kept']} echoes kept, {about['lines']} walls fitted")
+    if not about["kept"]:
+        print(f"no echo is believed; {ADVICE}")
     for name in SCORES if about["scores"] else ():
         value = about["scores"][name]
         print(f"  {name:17}" + ("undefined" if value is None else f"{value:.3f}"))
@@ -148,10 +180,10 @@ def say(about: Mapping[str, Any]) -> None:
 
 def _finished(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
     """Return the manifest of a finished map with these inputs; refuse a folder that holds something else."""
-    foreign = folder.is_dir() and any(folder.iterdir()) and not (folder / "map.csv").is_file()
-    check(
-        not foreign, "name", folder.name, allowed="a new name, or that of a map", hint=f"{folder} holds something else"
-    )
+    names = {path.name for path in folder.glob("[!.]*")} if folder.is_dir() else set()
+    foreign = (names and "map.csv" not in names) or (folder.exists() and not folder.is_dir())
+    hint = f"{folder} {'holds' if names else 'is'} something else"
+    check(not foreign, "name", folder.name, allowed="a new name, or that of a map", hint=hint)
     if not store.is_finished(folder):
         return None
     try:
@@ -161,13 +193,32 @@ def _finished(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
     return found if found.get("inputs") == inputs else None
 
 
-def _write(folder: Path, chart: Chart, about: Mapping[str, Any], *, ros: bool) -> None:
-    disk.clean(folder)
-    disk.clean(folder / mcap.FOLDER)
-    if not ros:
-        mcap.remove(folder)  # that of the map before
+def _files(chart: Chart, *, ros: bool) -> Files:
+    """Return the files of a map, by name."""
     writers = (table, ply, grid, svg, *((mcap,) if ros else ()))
-    files = {name: content for writer in writers for name, content in writer.write(chart).items()}
+    return {name: content for writer in writers for name, content in writer.write(chart).items()}
+
+
+def _write(folder: Path, files: Files, about: Mapping[str, Any]) -> dict[str, Any]:
+    """Write a map in place of the one before, once it is known that all of it can be; return its manifest."""
+    for path in (folder / name for name in (*files, store.MANIFEST)):
+        check(path.is_file() or not path.exists(), str(path), "no plain file", allowed="a file of a map, or none")
+    bag = folder / mcap.FOLDER
+    check(bag.is_dir() or not bag.exists(), str(bag), "a file", allowed="a folder, or none")
+    _tell_replaced(folder, about["inputs"])
+    disk.clean(folder)
+    disk.clean(bag)
+    if not {*mcap.FILES} & {*files}:
+        mcap.remove(folder)  # that of the map before
     for name, content in files.items():
         disk.write_atomic(folder / name, content)
-    store.finish(folder, about, files)
+    return store.finish(folder, about, files)
+
+
+def _tell_replaced(folder: Path, inputs: Mapping[str, Any]) -> None:
+    """Say so if in the folder is a map of other recordings or by another bundle."""
+    with suppress(BadValue):  # there is none
+        before = store.load_manifest(folder).get("inputs")
+        other = not isinstance(before, dict) or any(before.get(key) != inputs[key] for key in ("survey", "bundle"))
+        if other:
+            print(f"{folder}: replaces the map of another survey or bundle", file=sys.stderr)

@@ -118,8 +118,11 @@ def verify_all(folders: Sequence[str], *, trace: bool) -> None:
     from echolearn.config import UsageError
     from echolearn.launch import run_all
 
-    if not folders or folders[0].startswith("-"):
+    if not folders:
         raise UsageError("verify: name one or more folders, as in: echolearn verify runs/data/*")
+    for folder in folders:
+        if folder.startswith("-"):
+            raise UsageError(f"{folder}: there is no such option; verify takes folders, ./{folder} if it is one")
     if len(folders) == 1:
         print(verify(folders[0]))
     else:

@@ -139,7 +139,9 @@ def draw(config: Config) -> Path:
 def verify(folder: str) -> str:
     """Re-prove finished folders: every file's size and checksum; of a bundle, also what its model computes."""
     from echolearn import store
+    from echolearn.types import check
 
+    check(folder != "", "folder", "", allowed="one that echolearn made", hint="is a variable of the shell empty?")
     place = Path(folder)
     if (place / store.BUNDLE).is_file():
         from echolearn.deploy import prove

@@ -12,6 +12,7 @@ defined counts, not where it was found. Errors of the called come through as the
 
 import copy
 import inspect
+import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -23,9 +24,10 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from echolearn.types import BadValue
+from echolearn.types import BadValue, check
 
 if TYPE_CHECKING:
+    from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.core.override_parser.types import Override
     from omegaconf import DictConfig
 
@@ -35,6 +37,14 @@ OPTIONAL = ("diffuse", "localizer@localizers.*")
 """Groups of which nothing may be chosen, group=null, with where their choice stands if it has another name."""
 
 TARGET = "_target_"
+
+TEXTS = "name runs survey bundle run best readme scaling page".split()
+"""Keys of names and paths, which are texts though they may look like numbers."""
+
+WORDS = {"": "", "null": None, "true": True, "false": False}
+"""Words of any case that Hydra takes for something else than text."""
+
+NUMBER = re.compile(r"[+-]?((0|[1-9](_?\d)*)(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(inf|nan)", re.ASCII | re.IGNORECASE)
 
 ALLOWED = ("echolearn.", "torch.nn.")
 """Where a target may be defined."""
@@ -131,7 +141,7 @@ def compose(
             for name, job, choosing, values in _expand(words, many=many):
                 config = _configure(join, choosing, values)
                 plain: Any = OmegaConf.to_container(config, resolve=resolve, throw_on_missing=resolve)
-                jobs.append((name, {**plain, "command": shlex.join(["echolearn", command, *job])}))
+                jobs.append((name, {**texts(plain), "command": shlex.join(["echolearn", command, *job])}))
     except (HydraException, OmegaConfBaseException) as error:
         raise UsageError(str(error).split("\nSee http")[0]) from error
     return jobs
@@ -152,8 +162,38 @@ def plainly(command: str, words: Sequence[str]) -> Config:
         key, _, value = word.partition("=")
         if key not in config:
             raise UsageError(f"{word}: there is no key {key}; {suggest(key, list(config))}")
-        config[key] = yaml.safe_load(value)
-    return {**config, "choice": {}, "command": shlex.join(["echolearn", command, *words])}
+        try:
+            config[key], null = plain_value(value), isinstance(config[key], str)
+        except yaml.YAMLError:
+            raise UsageError(f"{word}: cannot be read; are quotes or brackets missing?") from None
+        if config[key] is None and null:
+            raise UsageError(f"{word}: {key} cannot be null")
+    return {**texts(config), "choice": {}, "command": shlex.join(["echolearn", command, *words])}
+
+
+def plain_value(word: str) -> Any:
+    """Return what Hydra takes a word for: YAML would read yes as true, 1e-1 as text, 010 as 8 and 12:30 as 750."""
+    import yaml
+
+    word = word.strip()
+    if word.lower() in WORDS:
+        return WORDS[word.lower()]
+    if NUMBER.fullmatch(word):
+        return float(word) if {*".einEIN"} & {*word} else int(word)
+    return yaml.safe_load(word) if word[0] in "'\"[{" else word
+
+
+def texts(config: Config) -> Config:
+    """Return a configuration whose names and paths are texts, whole numbers among them.
+
+    Raises:
+        BadValue: a name or a path that is a list, say.
+    """
+    named = {key: config[key] for key in TEXTS if config.get(key) is not None}
+    for key, value in named.items():
+        plain = isinstance(value, str) or type(value) is int
+        check(plain, key, value, allowed="a name" if key == "name" else "a path", hint="quote it twice: \"'...'\"")
+    return config | {key: str(value) for key, value in named.items()}
 
 
 def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, Sequence[str], list[str], list["Override"]]]:
@@ -162,7 +202,7 @@ def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, Sequence
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
     parser = OverridesParser.create(GlobalHydra.instance().config_loader())
-    given = parser.parse_overrides(list(words))
+    given = [_parsed(parser, word) for word in words]
     parse = cache(parser.parse_override)
     chooses = cache(lambda word: _chooses(parse(word)))
     for job in product(*(_spread(override, many=many) for override in given)):
@@ -173,6 +213,22 @@ def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, Sequence
             [_chosen(parse(word)) for word in job if chooses(word)],
             [parse(word) for word in job if not chooses(word)],
         )
+
+
+def _parsed(parser: "OverridesParser", word: str) -> "Override":
+    """Return an override; one that Hydra's grammar cannot read is refused with the quotes that it needs."""
+    from hydra.errors import OverrideParseException
+
+    try:
+        return parser.parse_overrides([word])[0]
+    except OverrideParseException as error:
+        key, equal, value = word.partition("=")
+        if equal and str(error).startswith("Error parsing"):  # a function, which says what it misses
+            raise
+        quoted = "{}='{}'".format(key, value.replace("'", "\\'"))
+        plain = not {*value} & {*'[{"$`\\'}
+        hint = f'quote it twice: "{quoted}"' if plain else "are quotes or brackets missing?"
+        raise UsageError(f"{word}: cannot be read; {hint if equal else 'it is no key=value'}") from error
 
 
 def _spread(override: "Override", *, many: bool) -> list[str]:

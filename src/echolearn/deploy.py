@@ -13,6 +13,7 @@ of limited size, without folding constants beforehand: a model that asks for mor
 needs is refused instead of served.
 """
 
+import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -21,6 +22,9 @@ from pathlib import Path
 from threading import Timer
 
 import numpy as np
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # which onnxruntime would keep in the home folder
+
 import onnxruntime
 
 from echolearn import bundle, disk, features, store
@@ -103,6 +107,9 @@ class Scorer:
             BadValue: another array, sample rate or probe than the bundle's, or a recording that cannot be analysed.
         """
         mount = self.check(observation)
+        silent = np.flatnonzero(~observation.samples.any(axis=(-2, -1))).tolist()
+        hint = "was the recorder running?"
+        check(not silent, "observation.samples", f"silence in {silent[:3]}", allowed="recordings", hint=hint)
         observation = replace(observation, array=self.bundle.array)
         matched = view(observation, self.bundle.localizer.window)
         echoes = self.bundle.localizer(observation)
@@ -123,7 +130,7 @@ class Scorer:
         Raises:
             BadValue: as `listen`.
         """
-        alone = replace(observation, samples=np.asarray(observation.samples)[None])
+        alone = replace(observation, samples=observation.samples[None])
         found = self.listen(alone, [pose]).map
         kept = np.asarray(found.kept)
         return EchoMap(found.points[kept], found.confidence[kept], kept[kept], found.poses[kept])

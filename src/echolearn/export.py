@@ -77,12 +77,14 @@ def export(
     about |= {"name": folder.name, **store.made_by(command)}
     _check_free(folder, source)
     files = pack(source, dataset, probe)
-    if not _is_finished(folder, about, files):
-        disk.clean(folder)
-        for file, content in files.items():
-            disk.write_atomic(folder / file, content)
-        store.finish(folder, about, files, last=store.BUNDLE)
-    _prove(folder)
+    with disk.alone(folder, waiting=f"export {folder.name}: waiting for another command that writes it"):
+        _check_free(folder, source)
+        if not _is_finished(folder, about, files):
+            disk.clean(folder)
+            for file, content in files.items():
+                disk.write_atomic(folder / file, content)
+            store.finish(folder, about, files, last=store.BUNDLE)
+        _prove(folder)
     return folder
 
 
@@ -97,6 +99,7 @@ def _prove(folder: Path) -> None:
 
 def open_run(folder: Path) -> Run:
     """Return a finished run, every file of it proved."""
+    store.check_folder("run", folder, allowed="a folder that echolearn train wrote")
     folder = Path(folder).resolve()
     manifest = store.verify(folder)
     check("calibration" in manifest, "run", folder, allowed="a folder that echolearn train wrote")
@@ -105,9 +108,14 @@ def open_run(folder: Path) -> Run:
 
 def choose(comparison: Path) -> Run:
     """Return the run that a comparison's report calls its best, that of the best seed on its own validation rows."""
+    allowed, hint = (
+        "a folder that echolearn compare wrote",
+        "make paper makes runs/compare/paper, or: echolearn compare",
+    )
+    store.check_folder("best", comparison, allowed=allowed, hint=hint)
     folder = comparison.resolve()
     manifest = store.verify(folder)
-    check(manifest.get("kind") == "comparison", "best", folder, allowed="a folder that echolearn compare wrote")
+    check(manifest.get("kind") == "comparison", "best", folder, allowed=allowed)
     contestants: dict[Contestant, list[Run]] = defaultdict(list)
     for identity, expected in manifest["inputs"]["runs"].items():
         found = open_run(folder.parents[1] / "train" / identity)

@@ -7,6 +7,8 @@ configurations are composed before (`config.compose`), so a job is the same wher
 one thread each.
 """
 
+import errno
+import os
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Sequence
@@ -23,6 +25,18 @@ if TYPE_CHECKING:
 
 Job = tuple[str, Any]
 Attempt = Callable[[Job], tuple[Any, str]]
+
+
+ADVICE = {
+    errno.EACCES: "may you read and write there?",
+    errno.EPERM: "may you read and write there?",
+    errno.ENOTDIR: "there is a file where a folder should be",
+    errno.EISDIR: "there is a folder where a file should be",
+    errno.ENAMETOOLONG: "choose a shorter name",
+    errno.ENOSPC: "make room and run the same command again",
+    errno.EROFS: "choose a place that can be written",
+}
+"""What to do about errors of the system."""
 
 
 class JobsFailed(Exception):
@@ -84,6 +98,11 @@ def attempt(work: Callable[[Any], Any], job: Job, *, trace: bool) -> tuple[Any, 
 def complaint(error: Exception, *, trace: bool, about: str = "") -> str:
     """Return one line about an error, after its traceback if wanted."""
     before = "".join(traceback.format_exception(error)) if trace else ""
+    if isinstance(error, OSError) and error.filename is not None:
+        reason = (
+            f"{os.fsdecode(error.filename)}: {error.strerror}; {ADVICE.get(error.errno or 0, 'is it the right one?')}"
+        )
+        return f"{before}error: {about}{' '.join(reason.split())}"
     kind = "" if isinstance(error, BadValue | UsageError | JobsFailed) else f"{type(error).__name__}: "
     hint = "; pip install 'echolearn[lab]'" if isinstance(error, ModuleNotFoundError) else ""
     return f"{before}error: {about}{kind}{' '.join(str(error).split())}{hint}"

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from echolearn import audio, description, direct, signals
+from echolearn import audio, description, direct, signals, store
 from echolearn.types import Array, MicArray, Observation, Pose, Probe, check
 
 NOISE, CALIBRATION = "noise.wav", "calibration.wav"
@@ -196,7 +196,10 @@ def read(folder: Path) -> Survey:
     Raises:
         BadValue: a file or key that is missing or malformed; or a calibration where there is no direct path.
     """
-    folder = Path(folder)
+    folder, allowed = Path(folder), "a folder in the recorded-survey format"
+    store.check_folder("survey", folder, allowed=allowed)
+    swapped = (folder / store.BUNDLE).is_file() and not (folder / "survey.yaml").exists()
+    check(not swapped, "survey", folder, allowed=allowed, hint="this is a bundle; did you swap survey and bundle?")
     for name in ("survey.yaml", "probe.wav", "poses.csv", NOISE, CALIBRATION):
         check(inside(folder, name), f"{folder}/{name}", "a link", allowed=INSIDE)
     about = description.read_yaml(folder / "survey.yaml")

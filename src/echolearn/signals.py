@@ -8,7 +8,7 @@ sums of the paper (Eqs. 10-13) without approximation.
 import numpy as np
 from scipy import fft
 
-from echolearn.types import Array, Probe, check, check_number, check_whole
+from echolearn.types import Array, Probe, check, check_number, check_whole, real_array
 
 FRAME = 882
 """Samples per STFT frame as printed in the paper (40 ms at 22.05 kHz; the text says 20 ms); hop is half of it."""
@@ -85,7 +85,7 @@ def noise_psd(recording: Array, *, frame: int = FRAME) -> Array:
     Raises:
         BadValue: a recording shorter than two frames, or not finite.
     """
-    _check_noise(recording, frame)
+    recording = _checked_noise(recording, frame)
     return np.mean(np.abs(stft(recording, frame=frame)) ** 2, axis=-1) / np.sum(np.hanning(frame + 1)[:-1] ** 2)
 
 
@@ -97,15 +97,19 @@ def noise_covariance(recording: Array, *, frame: int = FRAME) -> Array:
     Raises:
         BadValue: a recording shorter than two frames, or not finite.
     """
-    _check_noise(recording, frame)
+    recording = _checked_noise(recording, frame)
     bins = np.moveaxis(stft(recording, frame=frame), -3, -2)
     return bins @ bins.conj().mT / (bins.shape[-1] * np.sum(np.hanning(frame + 1)[:-1] ** 2))
 
 
-def _check_noise(recording: Array, frame: int) -> None:
+def _checked_noise(recording: Array, frame: int) -> Array:
+    """Return a recording of noise as float64."""
+    recording = real_array("noise.recording", recording, allowed="real samples")
     hint = "record the noise for some seconds"
+    check(recording.ndim > 0, "noise.recording", "a number", allowed="samples", hint=hint)
     check_whole("noise.recording", recording.shape[-1], low=2 * frame, unit="samples", hint=hint)
     check(bool(np.isfinite(recording).all()), "noise.recording", "NaN or infinity", allowed="finite samples")
+    return recording
 
 
 def whitening_taps(psd: Array) -> Array:

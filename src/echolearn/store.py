@@ -78,7 +78,9 @@ def load_manifest(folder: Path, *, largest: int = LARGEST) -> dict[str, Any]:
     """
     last = [path for path in (Path(folder) / name for name in (MANIFEST, METRICS, BUNDLE)) if path.is_file()]
     if not last:
-        raise BadValue(f"{folder}: not finished, there is no {MANIFEST}, {METRICS} or {BUNDLE}; {disk.MEND}")
+        check_folder("folder", folder, allowed="one that echolearn made")
+        lacking = f"there is no {MANIFEST}, {METRICS} or {BUNDLE}"
+        raise BadValue(f"{folder}: not finished, {lacking}, or none of echolearn's; {disk.MEND}")
     size = last[0].stat().st_size
     check(size <= largest, str(last[0]), f"{size} bytes", allowed=f"at most {largest} bytes", hint=disk.MEND)
     found = disk.load_json(last[0])
@@ -91,6 +93,12 @@ def load_manifest(folder: Path, *, largest: int = LARGEST) -> dict[str, Any]:
     if not _names_files(manifest["files"]):
         raise BadValue(f"{last[0]} files: bytes and sha256 of files inside the folder, by name; {disk.MEND}")
     return manifest
+
+
+def check_folder(name: str, folder: Path, *, allowed: str, hint: str = "") -> None:
+    """Raise `BadValue` unless there is a folder; it says whether there is something else."""
+    told = "it is no folder" if Path(folder).exists() else "there is no such folder"
+    check(Path(folder).is_dir(), name, folder, allowed=allowed, hint=f"{told}; {hint}" if hint else told)
 
 
 def _names_files(entries: Any) -> bool:

@@ -14,7 +14,7 @@ from echolearn.mapping import trajectory
 from echolearn.noise.white import White
 from echolearn.progress import track
 from echolearn.simulate import Scene, check_levels, check_pings, noise_alone, observe
-from echolearn.types import BadValue, Pose, Room, check, check_name, check_number, check_whole
+from echolearn.types import Array, BadValue, Pose, Room, check, check_name, check_number, check_whole
 
 BEGUN = "simulated.json"
 """Written first: what the survey is made from, and the sign that its recordings are nobody's but ours."""
@@ -70,7 +70,7 @@ def survey(
         if level is not None:
             check_number(key, level, low=-100.0, high=100.0, unit="dB")
     check_levels(scene, snr_db=snr_db, sdnr_db=sdnr_db)
-    alone = noise_length(scene, noise_seconds)
+    seconds = noise_length(scene, noise_seconds)
     check_whole("seed", seed, low=0)
     check_pings(pings)
     walk = trajectory(room, poses=poses, start=start)
@@ -79,24 +79,41 @@ def survey(
         check_inside(room, scene.array, pose)
     folder = Path(runs) / "survey" / name
     levels = {"snr_db": snr_db, "sdnr_db": sdnr_db}
-    told = _told(**levels, noise_seconds=alone or None, pings=pings)
+    told = _told(**levels, noise_seconds=seconds or None, pings=pings)
     about = {"kind": "survey", "made_from": plain({"room": room, "scene": scene, "walk": walk, "seed": seed, **told})}
     if _is_finished(folder, about):
         return folder
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 1)))
-    if alone:
-        heard = noise_alone(room, walk[0], scene, seconds=alone, rng=rng, pings=pings, **levels)
-    else:
-        observe(room, walk[0], scene, rng=rng, snr_db=snr_db, sdnr_db=sdnr_db)  # refused, if at all, before writing
-    disk.clean(folder)
-    disk.save_json(folder / BEGUN, about)
-    if alone:
-        disk.write_atomic(folder / recording.NOISE, audio.wav_bytes(heard, scene.probe.sample_rate))
-    _write(folder, walk, room=room, scene=scene, seed=seed, told=_told(**levels, pings=pings))
-    noise = [recording.NOISE] if alone else []
-    files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
-    store.finish(folder, about | store.made_by(command), files, largest=store.FOREIGN)
+    alone = _noise(room, walk[0], scene, seconds=seconds, seed=seed, pings=pings, **levels)
+    with disk.alone(folder, waiting=f"survey {name}: waiting for another command that walks it"):
+        if not _is_finished(folder, about):
+            disk.clean(folder)
+            disk.save_json(folder / BEGUN, about)
+            if alone is not None:
+                disk.write_atomic(folder / recording.NOISE, audio.wav_bytes(alone, scene.probe.sample_rate))
+            _write(folder, walk, room=room, scene=scene, seed=seed, told=_told(**levels, pings=pings))
+            noise = [] if alone is None else [recording.NOISE]
+            files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
+            store.finish(folder, about | store.made_by(command), files, largest=store.FOREIGN)
     return folder
+
+
+def _noise(
+    room: Room,
+    pose: Pose,
+    scene: Scene,
+    *,
+    seconds: float,
+    seed: int,
+    pings: int,
+    snr_db: float | None,
+    sdnr_db: float | None,
+) -> Array | None:
+    """Return the noise alone, or None for no second of it; what cannot be simulated is refused."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 1)))
+    if seconds:
+        return noise_alone(room, pose, scene, seconds=seconds, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng, pings=pings)
+    observe(room, pose, scene, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng)
+    return None
 
 
 def noise_length(scene: Scene, seconds: float | None) -> float:
@@ -131,7 +148,7 @@ def _names(walk: list[Pose]) -> list[str]:
 
 def _is_finished(folder: Path, about: dict[str, object]) -> bool:
     """Tell whether the survey stands there whole; one made otherwise is refused, a damaged one is made again."""
-    foreign = folder.is_dir() and any(folder.iterdir()) and not (folder / BEGUN).is_file()
+    foreign = folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / BEGUN).is_file()
     hint = f"{folder} holds recordings of another origin"
     check(not foreign, "name", folder.name, allowed="a new name, or that of a simulated survey", hint=hint)
     try:

@@ -16,6 +16,9 @@ SPEED_OF_SOUND = 343.0
 PARITY = 1e-5
 """Largest difference in confidence between a trained classifier and its file."""
 
+LONGEST_NAME = 100
+"""Bytes of a folder's name; a file system takes 255, to which digests and endings are added."""
+
 LATER = MappingProxyType({"later": True})
 """Metadata of a field that came later: left out of digests while it has its default, so that older ones stay."""
 
@@ -64,6 +67,10 @@ def check_name(name: str, value: object) -> None:
     """Raise `BadValue` unless `value` can name a folder: letters, digits, dots, - and _, no dot or - first."""
     spelled = isinstance(value, str) and value[:1] not in ".-" and all(c.isalnum() or c in "._-" for c in value)
     check(bool(spelled and value), name, value, allowed="a name of letters, digits, dots, - and _", hint="no path")
+    size = len(str(value).encode())
+    check(
+        size <= LONGEST_NAME, name, f"{value!s:.20}...", allowed=f"at most {LONGEST_NAME} bytes", hint=f"it has {size}"
+    )
 
 
 def check_list(name: str, value: object, *, length: int | None = None, allowed: str = "a list, [a,b]") -> None:
@@ -71,6 +78,26 @@ def check_list(name: str, value: object, *, length: int | None = None, allowed: 
     listed = isinstance(value, list | tuple | np.ndarray)
     fits = listed and length in (None, len(value))  # type: ignore[arg-type]
     check(fits, name, list(value) if listed else value, allowed=allowed, hint="" if listed else "are brackets missing?")  # type: ignore[call-overload]
+
+
+def real_array(name: str, value: object, *, allowed: str, hint: str = "") -> Array:
+    """Return real numbers of any dtype as float64, or raise `BadValue`: sums of squares would overflow int16 unseen."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of several lengths
+        array = np.array(None)
+    check(array.dtype.kind in "iuf", name, f"dtype {array.dtype}", allowed=allowed, hint=hint)
+    found: Array = array.astype(float, copy=False)
+    return found
+
+
+def finite_array(name: str, value: object, *, shape: tuple[int, ...], allowed: str) -> Array:
+    """Return finite real numbers of a shape, in which -1 is any number, as float64, or raise `BadValue`."""
+    array = real_array(name, value, allowed=allowed)
+    fits = array.ndim == len(shape) and all(want in (-1, n) for n, want in zip(array.shape, shape, strict=True))
+    check(fits, name, f"shape {array.shape}", allowed=allowed)
+    check(bool(np.isfinite(array).all()), name, "NaN or infinity", allowed=allowed)
+    return array
 
 
 @dataclass(frozen=True)
@@ -132,7 +159,7 @@ class MicArray:
     positions: Array
 
     def __post_init__(self) -> None:
-        positions = np.array(self.positions, dtype=float)
+        positions = real_array("array.positions", self.positions, allowed="shape (M, 3) in m").copy()
         flat = positions.ndim == 2 and positions.shape[-1] == 3
         check(flat, "array.positions", positions.shape, allowed="shape (M, 3) in m")
         finite = bool(np.isfinite(positions).all())
@@ -154,7 +181,7 @@ class Probe:
     """The known burst the loudspeaker emits.
 
     Attributes:
-        samples: the burst, shape (L,), before zero-padding.
+        samples: the burst, shape (L,), before zero-padding; float64, whatever was given.
         sample_rate: in Hz.
         length: N, samples recorded from the start of the emission.
     """
@@ -164,6 +191,8 @@ class Probe:
     length: int
 
     def __post_init__(self) -> None:
+        samples = finite_array("probe.samples", self.samples, shape=(-1,), allowed="finite numbers, shape (L,)")
+        object.__setattr__(self, "samples", samples)
         check_number("probe.sample_rate", self.sample_rate, low=1000.0, high=400_000.0, unit="Hz")
         hint = "the recording must hold the burst"
         check_whole("probe.length", self.length, low=len(self.samples), unit="samples", hint=hint)
@@ -181,13 +210,19 @@ class Pose:
     position: Array
     heading: float = 0.0
 
+    def __post_init__(self) -> None:
+        position = finite_array("pose.position", self.position, shape=(3,), allowed="three finite coordinates in m")
+        object.__setattr__(self, "position", position)
+        check(is_number(self.heading), "pose.heading", f"{self.heading} rad", allowed="a finite number in rad")
+
 
 @dataclass(frozen=True)
 class Observation:
     """All that an estimator may know: recordings with the direct path removed, and what the robot carries.
 
     Attributes:
-        samples: recordings, shape (..., M, N); leading axes are a batch of observations.
+        samples: recordings, shape (..., M, N); leading axes are a batch of observations. Real numbers of any dtype,
+            which become float64; their scale does not matter.
         probe: what was emitted.
         array: where the microphones are.
         speed_of_sound: in m/s.
@@ -205,6 +240,13 @@ class Observation:
     noise_psd: Array | None = None
     sample_rate: float | None = None
     noise_covariance: Array | None = None
+
+    def __post_init__(self) -> None:
+        allowed, hint = "real numbers, shape (..., M, N)", "give the samples themselves, not their spectrum"
+        samples = real_array("observation.samples", self.samples, allowed=allowed, hint=hint)
+        object.__setattr__(self, "samples", samples)
+        name, hint = "observation.speed_of_sound", "air is 343 m/s"
+        check_number(name, self.speed_of_sound, low=100.0, high=2000.0, unit="m/s", hint=hint)
 
 
 @dataclass(frozen=True)

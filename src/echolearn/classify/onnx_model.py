@@ -8,6 +8,7 @@ source code it came from. Either way equal classifiers give equal bytes wherever
 """
 
 import logging
+import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,6 +16,9 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # which onnxruntime would keep in the home folder
+
 import onnxruntime
 import torch
 

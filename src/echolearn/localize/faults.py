@@ -103,7 +103,7 @@ def tell(silent: Array, *, reference: bool) -> None:
     names = ", ".join(str(channel + 1) for channel in np.flatnonzero(silent.any(axis=0)))
     rows = f"{int(silent.any(axis=-1).sum())} of {len(silent)} observations"
     lost = reference and bool(silent[:, 0].any())
-    hint = "localizer=joint and localizer=em can do without it"
+    hint = "localizer=joint and localizer=em, or a bundle trained with one of them, can do without it"
     check(not lost, "observation.samples", "silence at microphone 1", allowed="a reference that hears", hint=hint)
     message = f"observation.samples: microphone {names} hears nothing in {rows} and is left out there"
     warnings.warn(message, DeafMicrophone, stacklevel=3)

@@ -41,8 +41,8 @@ def write(chart: Chart) -> Files:
         *([f'<polygon class="outline" points="{_joined(place(outline))}"/>'] if len(outline) else []),
         f'<polyline class="path" points="{_joined(place(chart.path))}"/>',
         *_dots(place(chart.map.points[rejected]), "rejected", [2.5] * int(rejected.sum())),
-        *(_segment(place(np.stack([line.start, line.end]))) for line in chart.lines),
         *_dots(place(chart.map.points[chart.drawn]), "kept", (1.5 + 2 * chart.map.confidence[chart.drawn]).tolist()),
+        *(_segment(place(np.stack([line.start, line.end]))) for line in chart.lines),
         f'<path d="M10 {height + 4}h{SCALE}" stroke="#333" stroke-width="2"/>',
         f'<text x="{SCALE + 16}" y="{height + 8}">1 m; {len(chart.lines)} walls fitted (green)</text>',
         f'<text x="10" y="{height + 26}">points: {int(chart.drawn.sum())} kept (blue), '
