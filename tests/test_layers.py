@@ -17,10 +17,11 @@ import echolearn
 SOURCE = Path(echolearn.__file__).parent
 
 ORDER = """
-    types literal timing processes progress config disk store engine markers geometry matching signals coverage stats
-    audio description direct recording provenance noise localize rir features metrics mapping guard schema bundle
-    deploy onboard lines mapfiles cartography simulate plans records dataset survey judge hearing classify task training
-    trained tables figures report compare trials curves places study expected pages export bench launch commands cli
+    types literal timing processes progress words config disk store engine markers geometry matching signals coverage
+    stats audio description direct recording provenance noise localize rir features metrics mapping guard schema
+    bundle deploy onboard lines mapfiles cartography simulate plans records dataset survey judge hearing classify task
+    training trained tables figures report compare trials curves places study expected pages export bench launch
+    commands cli
 """.split()
 """A part imports only parts that stand before it; a folder is one part."""
 
@@ -35,7 +36,7 @@ for bars, soundfile for FLAC and rosbags for bags where they are installed."""
 OWNERS = {
     "hydra": {"config", "launch"},
     "omegaconf": {"config", "launch"},
-    "yaml": {"config", "cli", "description", "recording"},
+    "yaml": {"config", "words", "cli", "description", "recording"},
     "torch": {"classify"},
     "lightning": {"classify"},
     "sklearn": {"classify"},

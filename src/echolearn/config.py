@@ -12,7 +12,6 @@ defined counts, not where it was found. Errors of the called come through as the
 
 import copy
 import inspect
-import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -24,7 +23,8 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from echolearn.types import BadValue, check
+from echolearn.types import BadValue
+from echolearn.words import plain_value, texts
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -37,14 +37,6 @@ OPTIONAL = ("diffuse", "localizer@localizers.*")
 """Groups of which nothing may be chosen, group=null, with where their choice stands if it has another name."""
 
 TARGET = "_target_"
-
-TEXTS = "name runs survey bundle run best readme scaling page".split()
-"""Keys of names and paths, which are texts though they may look like numbers."""
-
-WORDS = {"": "", "null": None, "true": True, "false": False}
-"""Words of any case that Hydra takes for something else than text."""
-
-NUMBER = re.compile(r"[+-]?((0|[1-9](_?\d)*)(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(inf|nan)", re.ASCII | re.IGNORECASE)
 
 ALLOWED = ("echolearn.", "torch.nn.")
 """Where a target may be defined."""
@@ -169,31 +161,6 @@ def plainly(command: str, words: Sequence[str]) -> Config:
         if config[key] is None and null:
             raise UsageError(f"{word}: {key} cannot be null")
     return {**texts(config), "choice": {}, "command": shlex.join(["echolearn", command, *words])}
-
-
-def plain_value(word: str) -> Any:
-    """Return what Hydra takes a word for: YAML would read yes as true, 1e-1 as text, 010 as 8 and 12:30 as 750."""
-    import yaml
-
-    word = word.strip()
-    if word.lower() in WORDS:
-        return WORDS[word.lower()]
-    if NUMBER.fullmatch(word):
-        return float(word) if {*".einEIN"} & {*word} else int(word)
-    return yaml.safe_load(word) if word[0] in "'\"[{" else word
-
-
-def texts(config: Config) -> Config:
-    """Return a configuration whose names and paths are texts, whole numbers among them.
-
-    Raises:
-        BadValue: a name or a path that is a list, say.
-    """
-    named = {key: config[key] for key in TEXTS if config.get(key) is not None}
-    for key, value in named.items():
-        plain = isinstance(value, str) or type(value) is int
-        check(plain, key, value, allowed="a name" if key == "name" else "a path", hint="quote it twice: \"'...'\"")
-    return config | {key: str(value) for key, value in named.items()}
 
 
 def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, Sequence[str], list[str], list["Override"]]]:
