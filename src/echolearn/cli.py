@@ -160,8 +160,8 @@ def composed(command: str, options: Namespace, sweeps: Sequence[Sequence[str]]) 
     needed = () if options.cfg else DIRECTORS.get(command, ())
     jobs = meanwhile(work, lambda: [import_module(name) for name in needed]) if needed else work()
     for _, config in jobs:
-        if not isinstance(config["runs"], str) or not config["runs"].strip():
-            raise UsageError(f"runs={config['runs'] or ''}: the name of a folder; the current one is runs=.")
+        if not config["runs"].strip():
+            raise UsageError(f"runs={config['runs']}: the name of a folder; the current one is runs=.")
     return jobs
 
 
