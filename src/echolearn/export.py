@@ -108,10 +108,8 @@ def open_run(folder: Path) -> Run:
 
 def choose(comparison: Path) -> Run:
     """Return the run that a comparison's report calls its best, that of the best seed on its own validation rows."""
-    allowed, hint = (
-        "a folder that echolearn compare wrote",
-        "make paper makes runs/compare/paper, or: echolearn compare",
-    )
+    allowed = "a folder that echolearn compare wrote"
+    hint = "make paper makes runs/compare/paper, or: echolearn compare"
     store.check_folder("best", comparison, allowed=allowed, hint=hint)
     folder = comparison.resolve()
     manifest = store.verify(folder)

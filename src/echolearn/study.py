@@ -16,8 +16,9 @@ nearest in direction. Each metric is a share of all recordings:
 positions; where all or none of the recordings hit, Wilson's.
 
 A localizer that refuses the recordings of a faulty array (S-NLS, if microphone 1 is the dead one) misses. A study is
-resumed value by value: what was found at one value is one shard of its folder. Estimates take hours, so a study
-with other settings is never replaced; intervals (`resamples`) and files of an older format are made anew from them.
+resumed value by value: what was found at one value is one shard of its folder. Estimates are not thrown
+away: a study with other settings is never replaced; intervals (`resamples`) and files of an older format are made anew
+from them.
 """
 
 from collections.abc import Mapping, Sequence
