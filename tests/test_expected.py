@@ -3,6 +3,7 @@
 import csv
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scipy.stats import fisher_exact
 
@@ -71,6 +72,20 @@ def test_a_folder_without_studies_leaves_every_place_open(tmp_path):
     assert expected.table(EXPECTATIONS, tmp_path).count("not yet") == len(EXPECTATIONS) > 20
 
 
+def test_a_figure_of_one_value_is_held_against_all_of_them():
+    """72.5 % (29 of 40): of 19 shares one is as high, so with itself 2 of 20 are, and as many as low: p = 0.2."""
+    shares = np.round(np.linspace(0.2, 0.725, 19) * 40) / 40
+    known = {("snls", "toa", str(at)): Share(value, 0, 1, 40) for at, value in enumerate(shares)}
+    other = {("joint", "toa", "0"): Share(1.0, 0, 1, 40)}
+    for share, p in ((0.73, 0.2), (0.75, 0.1), (0.45, 1.0), (0.1, 0.1)):
+        each = Expectation("it", "study", ("snls", "toa", ""), share, trials=40)
+        cells = expected.tabulate([each], {"study": known | other}).splitlines()[-1].strip("|").split(" | ")
+        assert float(cells[4]) == pytest.approx(p, rel=0.01)
+        low, high = np.quantile(shares, [0.025, 0.975])
+        assert cells[3] == f"{100 * shares.mean():.3g} [{100 * low:.3g}, {100 * high:.3g}], n = 19"
+    assert "not yet" in expected.tabulate([each], {"study": other})
+
+
 def test_a_table_that_cannot_be_read_is_named(tmp_path):
     path = tmp_path / "expected.csv"
     for text in (None, "what,study\nit,one\n", TABLE.read_text().replace("0.825,40", "most,40")):
@@ -92,7 +107,8 @@ def test_every_row_has_what_it_says():
 @pytest.mark.parametrize("name", sorted({each.study for each in EXPECTATIONS if "pings" not in each.study}))
 def test_every_expectation_is_of_something_that_its_experiment_finds(name):
     experiment, _, room = name.partition("_") if name.startswith("attainable") else (name, "", "")
-    words = [f"experiment={experiment}", *([f"room={room}"] if room else [])]
+    words = [f"experiment={experiment.removesuffix('_recorded')}", *([f"room={room}"] if room else [])]
+    words += [f"name={name}", "diffuse=recorded"] if name.endswith("_recorded") else []
     [(_, about)] = config.compose("study", words)
     assert about["name"] == name
     for each in EXPECTATIONS:

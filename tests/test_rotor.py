@@ -1,5 +1,11 @@
-"""The rotor model against what is known of the paper's recordings, and against its own formula."""
+"""The rotor model against a recording from DREGON, and against its own formula.
 
+The recording is no part of echolearn. Tests that need it are skipped without ECHOLEARN_DREGON, the path of
+allMotors_70_mic1.wav: the paper's first author keeps it under experiments/qualitativeExperiment in
+github.com/irtiq7/Detecting-acoustic-reflector-localization-using-robot-ego-noise.
+"""
+
+import os
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -11,13 +17,23 @@ from scipy import signal
 from echolearn.geometry import SearchWindow, circular_array, microphone_positions, true_echoes
 from echolearn.localize.matched import Matched
 from echolearn.noise.diffuse import Diffuse
+from echolearn.noise.recorded import recorded
 from echolearn.noise.rotor import Rotor
+from echolearn.places import corner
 from echolearn.signals import convolve, noise_probe
 from echolearn.simulate import Scene
 from echolearn.types import Array, BadValue, MicArray, Observation, Pose, Room
 
 RATE = 22050.0
 RING = circular_array()
+ROOM = Room((10.0, 8.0, 5.0), 0.6)
+CENTRES = 1000.0 * 2.0 ** (np.arange(-13, 10) / 3)
+"""Hz, of third octaves from 50 Hz to 8 kHz."""
+DREGON = np.array([
+    4.462, 18.894, 8.662, 10.402, 9.861, 8.345, 7.564, 6.658, 5.059, 3.809, 2.446, 1.705,
+    1.013, 1.451, 0.392, 0.322, 0.256, 0.260, 0.709, 0.465, 0.617, 0.523, 0.141,
+]) / 100  # fmt: skip
+"""Shares of the power in them: microphone 1, all motors at 70 revolutions/s (measured below)."""
 
 
 def sound(rotor: Rotor, *, seconds: float = 10.0, seed: int = 0) -> Array:
@@ -31,10 +47,42 @@ def density(rotor: Rotor, *, draws: int = 10) -> tuple[Array, Array]:
     return found[0][0], np.mean([power for _, power in found], axis=0)
 
 
-def test_90_percent_of_the_power_lies_below_463_hz_and_the_strongest_line_at_70() -> None:
+def bands(frequencies: Array, power: Array) -> Array:
+    """Return the shares of the power in third octaves."""
+    low, high = CENTRES * 2 ** (-1 / 6), CENTRES * 2 ** (1 / 6)
+    inside = (frequencies[:, None] >= low) & (frequencies[:, None] < high)
+    return power @ inside / power.sum()
+
+
+def level(samples: Array, low: float, high: float, *, seconds: float = 0.02) -> Array:
+    """Return the level of a band in successive blocks, in dB."""
+    band = signal.sosfiltfilt(signal.butter(4, [low, high], "bandpass", fs=RATE, output="sos"), samples)
+    block = int(seconds * RATE)
+    return 10 * np.log10(np.mean(band[: len(band) // block * block].reshape(-1, block) ** 2, axis=1))
+
+
+def test_its_spectrum_is_that_of_a_recording() -> None:
+    """90 % below 463 Hz, the strongest line at 70 Hz, and third octaves, but for whines of the motors, within 3 dB."""
     frequencies, power = density(Rotor())
-    assert power[frequencies < 463].sum() / power.sum() == pytest.approx(0.90, abs=0.01)
-    assert frequencies[power.argmax()] == pytest.approx(70.0, abs=1.0)
+    assert power[frequencies < 463].sum() / power.sum() == pytest.approx(0.90, abs=0.015)
+    assert frequencies[power.argmax()] == pytest.approx(70.0, abs=2.0)
+    assert np.abs(10 * np.log10(bands(frequencies, power) / DREGON)).max() < 3.0
+
+
+def test_the_wash_comes_in_gusts_and_the_hiss_is_steady() -> None:
+    """In the recording levels of 20 ms wander by 5 to 7 dB in bands below 500 Hz, and by 1.4 dB above 4 kHz."""
+    gusty, calm = sound(Rotor(), seconds=60.0), sound(replace(Rotor(), gust_db=0.0), seconds=60.0)
+    assert 4.0 < level(gusty, 200, 500).std() < 7.0
+    assert level(calm, 200, 500).std() < 2.5
+    assert level(gusty, 4000, 11000).std() < 1.5
+
+
+def test_gusts_are_as_strong_and_as_long_as_they_are_told() -> None:
+    wash = replace(Rotor(), tonal=0.0, hiss=0.0, gust_db=6.0, gust=2.0)
+    found = [level(sound(wash, seconds=300.0, seed=seed), 60, 11000, seconds=0.2) for seed in range(6)]
+    assert np.mean([each.std() for each in found]) == pytest.approx(6.0, rel=0.1)
+    after = [np.corrcoef(each[:-10], each[10:])[0, 1] for each in found]
+    assert np.mean(after) == pytest.approx(np.exp(-1), abs=0.1)
 
 
 def test_lines_stand_at_the_harmonics_of_the_rotor_and_the_blades_stand_out() -> None:
@@ -49,16 +97,23 @@ def test_lines_stand_at_the_harmonics_of_the_rotor_and_the_blades_stand_out() ->
     assert three[2] / three[0] == pytest.approx(10**0.3 / 9)
 
 
-def test_the_air_falls_by_6_db_per_octave_above_its_corner_and_begins_at_20_hz() -> None:
-    frequencies, power = density(replace(Rotor(), tonal=0.0))
-    octaves = [power[(frequencies >= f) & (frequencies < 2 * f)].mean() for f in (500, 1000, 2000, 4000)]
-    assert np.allclose(np.diff(10 * np.log10(octaves)), -6.0, atol=0.4)
+def test_the_wash_falls_by_9_db_per_octave_above_its_corner_and_begins_at_20_hz() -> None:
+    frequencies, power = density(replace(Rotor(), tonal=0.0, hiss=0.0, gust_db=0.0))
+    octaves = [power[(frequencies >= f) & (frequencies < 2 * f)].mean() for f in (700, 1400, 2800, 5600)]
+    assert np.allclose(np.diff(10 * np.log10(octaves)), -9.0, atol=0.4)
     assert power[frequencies < 18].max() < 1e-2 * power[(frequencies > 22) & (frequencies < 40)].mean()
+
+
+def test_the_hiss_is_flat_and_ends_at_its_corner() -> None:
+    frequencies, power = density(replace(Rotor(), tonal=0.0, hiss=1.0))
+    low, high, above = (power[(frequencies >= f) & (frequencies < f + 500)].mean() for f in (500, 4000, 9500))
+    assert high / low == pytest.approx(1.0, abs=0.1)
+    assert above / low == pytest.approx(1 / (1 + (9750 / 6500) ** 8), rel=0.2)
 
 
 def test_it_has_unit_power() -> None:
     power = [np.mean(sound(Rotor(), seed=seed) ** 2) for seed in range(20)]
-    assert np.mean(power) == pytest.approx(1.0, abs=0.05)
+    assert np.mean(power) == pytest.approx(1.0, abs=0.1)
 
 
 def test_speed_wanders_as_much_as_it_is_told() -> None:
@@ -108,6 +163,10 @@ def test_seeds_tell_sounds_apart() -> None:
         ({"harmonics": 0}, "diffuse.source.harmonics=0"),
         ({"tonal": 1.5}, "diffuse.source.tonal=1.5"),
         ({"corner": 5.0}, "diffuse.source.corner=5.0 Hz"),
+        ({"gust_db": 30.0}, "diffuse.source.gust_db=30.0 dB"),
+        ({"gust": 0.0}, "diffuse.source.gust=0.0 s"),
+        ({"hiss": -0.1}, "diffuse.source.hiss=-0.1"),
+        ({"hiss_corner": 1.0}, "diffuse.source.hiss_corner=1.0 Hz"),
         ({"blade_gain_db": float("nan")}, "diffuse.source.blade_gain_db=nan dB"),
     ],
 )
@@ -120,8 +179,7 @@ def test_bad_rotors_are_refused(change: dict[str, Any], message: str) -> None:
 def test_s_nls_under_rotors_alone_is_as_good_as_planned(scene: Scene, study: tuple[Room, Pose]) -> None:
     """20 probes x 3 draws. Planning measured 93, 73 and 20 % in few trials at SDNR -10, -20 and -30 dB.
 
-    In the middle the figure hangs on the spectrum, of which only two numbers are known: from 35 % (power of harmonics
-    falling as 1 / k) over 50 % (this model) and 60 % (much of it below 70 Hz) to 73 % (nothing but the line at 70 Hz).
+    In the middle the figure hangs on the stretch of noise: docs/studies.md, "One stretch of noise".
     """
     truth, place = true_echoes(*study, RING).toa, microphone_positions(RING, study[1])[:1]
     response = scene.rir(study[0], study[1].position, place, sample_rate=22050.0, speed_of_sound=343.0)
@@ -138,3 +196,55 @@ def test_s_nls_under_rotors_alone_is_as_good_as_planned(scene: Scene, study: tup
     right = (np.abs(np.array(found)[:, None] - truth).min(axis=1) * 22050.0 < 5).reshape(-1, 3)
     for share, expected in zip(right.mean(axis=0), (0.93, 0.50, 0.20), strict=True):
         assert abs(share - expected) < 3 * np.sqrt(2 * expected * (1 - expected) / 60)
+
+
+# ---------------------------------------------------------------- the recording itself
+
+
+@pytest.fixture(scope="module")
+def samples() -> Array:
+    """Return the whole recording, of unit power."""
+    path = os.environ.get("ECHOLEARN_DREGON")
+    if path is None:
+        pytest.skip("needs ECHOLEARN_DREGON, the path of the recording")
+    return recorded(path).samples.astype(float)
+
+
+def test_its_spectrum_is_the_one_that_the_model_is_held_against(samples: Array) -> None:
+    frequencies, power = signal.welch(samples, RATE, nperseg=int(RATE))
+    assert np.allclose(100 * bands(frequencies, power), 100 * DREGON, atol=0.001)
+    assert frequencies[np.searchsorted(np.cumsum(power) / power.sum(), 0.9)] == pytest.approx(459, abs=5)
+    assert frequencies[power.argmax()] == pytest.approx(68, abs=1)
+
+
+def test_its_low_frequencies_come_in_gusts_and_its_high_ones_do_not(samples: Array) -> None:
+    assert [round(level(samples, *band).std(), 1) for band in ((80, 200), (200, 500), (4000, 11000))] == [6.0, 7.0, 1.4]
+
+
+def test_what_s_nls_finds_hangs_on_the_stretch(samples: Array, scene: Scene) -> None:
+    """The beginning of the recording and five later ones, mixed as Habets does (Cholesky); 20 corners x 3 bursts each.
+
+    At SDNR -20 dB the prototype found 73 % (29 of 40): between what the best and the worst of these stretches give.
+    """
+    anf = pytest.importorskip("anf_generator")
+    about = anf.CoherenceMatrix.Parameters(scene.array.positions, "cylindrical", RATE, nfft=1024, c=343.0)
+    stretches = [samples[first : first + 120_000].reshape(6, 20_000) for first in range(0, 600_001, 120_000)]
+    noises = [anf.generate_signals(each, about, "chd", "standard")[0].real[:1] for each in stretches]
+    found = [s_nls(scene, place, burst, noises) for place in range(20) for burst in range(3)]
+    shares = np.mean(found, axis=0)
+    print(f"S-NLS at SDNR -10, -20, -30 dB, a line per stretch, in %:\n{np.round(100 * shares)}")
+    assert shares[:, 1].min() < 0.5 < 0.725 < shares[:, 1].max()
+    assert shares[:, 0].min() > 0.8
+    assert shares[:, 2].max() < 0.4
+
+
+def s_nls(scene: Scene, place: int, burst: int, noises: list[Array]) -> Array:
+    """Return whether S-NLS is right in each of the noises at each of the levels, shape (noises, 3)."""
+    pose = corner(ROOM, (1.0, 1.5), seed=0, position=place)
+    robot = replace(scene, probe=noise_probe(seed=100 * place + burst))
+    received, array = robot.received(ROOM, pose)[:1], MicArray(scene.array.positions[:1])
+    levels = np.sqrt(np.mean(received**2) * 10 ** (np.array([10.0, 20.0, 30.0]) / 10))
+    noisy = [received - robot.direct[:1] + level * noise / noise.std() for noise in noises for level in levels]
+    matched = Matched(Observation(np.stack(noisy), robot.probe, array), SearchWindow(rule="authors"))
+    late = matched.toa(matched.strongest)[:, None] - true_echoes(ROOM, pose, scene.array).toa
+    return (np.abs(late).min(axis=1) * RATE < 5).reshape(len(noises), len(levels))

@@ -233,7 +233,8 @@ def test_every_experiment_can_be_built(name):
 
 
 @pytest.mark.parametrize(
-    ("vary", "values"), [("snr_db", [-10, -7.5, 0, 40]), ("pings", [1, 2, 8, 10]), ("fault", ["none", "one_dead"])]
+    ("vary", "values"),
+    [("snr_db", [-10, -7.5, 0, 40]), ("pings", [1, 2, 8, 10]), ("fault", ["none", "one_dead"]), ("stretch", [1, 2, 3])],
 )
 def test_equal_shares_stand_side_by_side_near_their_value(vary, values):
     stands = np.array([curves.dodged(vary, values, number=number, count=11) for number in range(11)])
@@ -257,6 +258,8 @@ def test_equal_shares_stand_side_by_side_near_their_value(vary, values):
         ({"vary": "t60", "values": [0.01]}, "room.t60=0.01 s"),
         ({"vary": "fault", "values": ["rust"]}, "values=rust"),
         ({"vary": "sdnr_db", "values": [0.0]}, "sdnr_db"),
+        ({"vary": "stretch", "values": [1, 2.5]}, "values=2.5"),
+        ({"vary": "stretch", "values": [-1]}, "values=-1"),
         ({"positions": 1}, "positions=1"),
         ({"trials": 3}, "trials=3"),
         ({"pings": 0}, "pings=0"),

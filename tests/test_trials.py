@@ -64,6 +64,23 @@ def test_of_walls_equally_late_the_one_in_that_direction_is_matched():
     np.testing.assert_array_equal(hits(estimates, ROOM, pose, silence)[:, :2], 1.0)
 
 
+def test_in_one_stretch_all_hear_the_same_noise_wherever_they_stand():
+    def noise(place, stretch):
+        pose = Pose(POSE.position + np.array([0.1 * place, 0.0, 0.0]))
+        condition = Condition(ROOM, 0.0, None, FAULTS["none"], stretch=stretch)
+        received = SCENE.received(ROOM, pose)
+        heard = Trials(condition, SCENE, pose, place, [2 * place, 2 * place + 1], 0).record().samples
+        noises = heard - received + SCENE.direct
+        return noises / np.sqrt(np.mean(received**2, axis=-1, keepdims=True))
+
+    here, there, other = noise(0, 7), noise(1, 7), noise(0, 8)
+    np.testing.assert_allclose(here[0], here[1], atol=1e-9)
+    np.testing.assert_allclose(here, there, atol=1e-9)
+    assert abs(np.corrcoef(here[0, 0], other[0, 0])[0, 1]) < 0.1
+    alone = noise(0, None)
+    assert abs(np.corrcoef(alone[0, 0], alone[1, 0])[0, 1]) < 0.1
+
+
 def test_what_was_refused_misses():
     assert set(judged(np.nan, np.nan, np.nan).values()) == {0.0}
 

@@ -30,7 +30,10 @@ AXIS = {
     "t60": "reverberation time / s",
     "fault": "fault of the array",
     "pings": "pings averaged",
+    "stretch": "stretch of noise",
 }
+APART = ("fault", "stretch")
+"""What has nothing between one value and the next: no line joins them."""
 PANELS = {
     "toa_doa": {
         "toa": "a) time of arrival within 5 samples",
@@ -98,11 +101,11 @@ def paint_metric(axis: Axes, vary: str, rows: Sequence[Row]) -> None:
         found = [row for row in rows if row["localizer"] == name]
         number = known.index(name) if name in known else None
         x = dodged(vary, values, number=number, count=len(known))
-        paint_line(axis, name, found, x=x, number=number, apart=_named(values))
+        paint_line(axis, name, found, x=x, number=number, apart=vary in APART)
     if vary == "pings":
         axis.set_xscale("log", base=2)
         axis.set_xticks(values, [str(value) for value in values])
-    if _named(values):
+    if vary == "fault":
         axis.set_xticks(range(len(values)), [str(value).replace("_", " ") for value in values])
 
 
@@ -114,7 +117,7 @@ def paint_line(axis: Axes, name: str, rows: Sequence[Row], *, x: Array, number: 
         style |= {"marker": MARKERS[number % len(MARKERS)], "markerfacecolor": "none"}
         style |= {"markersize": 3.0 + 5.5 * 0.8**number, "linewidth": 1.0 + 1.8 * 0.7**number}  # equal ones nest
     value, low, high = (np.array([row[key] for row in rows]) for key in ("value", "ci_low", "ci_high"))
-    if apart and number is not None:  # nothing lies between one fault and the next
+    if apart and number is not None:
         style["linestyle"] = "none"
         axis.errorbar(x, value, yerr=np.abs([low - value, high - value]), label=name, elinewidth=1, **style)
         return
@@ -131,17 +134,13 @@ def dodged(vary: str, values: Sequence[Any], *, number: int | None, count: int) 
         number: of the localizer; None is chance, which stands at the values themselves.
         count: localizers.
     """
-    place = np.arange(len(values)) if _named(values) else np.array(values, dtype=float)
+    place = np.arange(len(values)) if vary == "fault" else np.array(values, dtype=float)
     along = np.log2(place) if vary == "pings" else place.astype(float)
     if number is not None and len(values) > 1:
-        widest = np.inf if _named(values) else 0.007 * np.ptp(along)
+        widest = np.inf if vary in APART else 0.007 * np.ptp(along)
         step = min(0.7 * np.diff(along).min() / count, widest)
         along = along + (number - (count - 1) / 2) * step
     return np.exp2(along) if vary == "pings" else along
-
-
-def _named(values: Sequence[Any]) -> bool:
-    return any(isinstance(value, str) for value in values)
 
 
 def show(folder: Path) -> None:

@@ -40,7 +40,7 @@ from echolearn.trials import FAULTS, METRICS, Condition, Trials
 from echolearn.types import LATER, Array, BadValue, Pose, Room, check, check_list, check_name, check_number, check_whole
 
 CHANCE = "chance"
-VARIED = ("snr_db", "sdnr_db", "t60", "fault", "pings")
+VARIED = ("snr_db", "sdnr_db", "t60", "fault", "pings", "stretch")
 BURSTS = ("one", "each")
 
 
@@ -49,8 +49,8 @@ class Study:
     """What is varied, where, and how often.
 
     Attributes:
-        vary: snr_db, sdnr_db, t60, fault or pings.
-        values: of it, ascending; faults by name.
+        vary: snr_db, sdnr_db, t60, fault, pings, or stretch: of noise, one that all recordings hear.
+        values: of it, ascending; faults by name, stretches by number.
         room: a shoebox.
         scene: what the robot carries.
         localizers: by name.
@@ -111,22 +111,22 @@ class Study:
         Raises:
             BadValue: out of range, a T60 that the room cannot have, an unknown fault.
         """
-        room, snr_db, sdnr_db, fault, pings = self.room, self.snr_db, self.sdnr_db, FAULTS["none"], self.pings
+        usual = Condition(self.room, self.snr_db, self.sdnr_db, FAULTS["none"], self.pings)
         if self.vary == "fault":
             check(value in FAULTS, "values", value, allowed=", ".join(FAULTS))
-            fault = FAULTS[value]
+            found = replace(usual, fault=FAULTS[value])
         elif self.vary == "t60":
-            room = replace(room, t60=value)
-        elif self.vary == "pings":
-            pings = value
+            found = replace(usual, room=replace(self.room, t60=value))
         else:
-            snr_db, sdnr_db = (value, sdnr_db) if self.vary == "snr_db" else (snr_db, value)
-        for name, level in (("snr_db", snr_db), ("sdnr_db", sdnr_db)):
+            found = replace(usual, **{self.vary: value})
+        for name, level in (("snr_db", found.snr_db), ("sdnr_db", found.sdnr_db)):
             if level is not None:
                 check_number(name, level, low=-100.0, high=100.0, unit="dB")
-        check_levels(self.scene, snr_db=snr_db, sdnr_db=sdnr_db)
-        check_pings(pings, "values" if self.vary == "pings" else "pings")
-        return Condition(room, snr_db, sdnr_db, fault, pings)
+        check_levels(self.scene, snr_db=found.snr_db, sdnr_db=found.sdnr_db)
+        check_pings(found.pings, "values" if self.vary == "pings" else "pings")
+        if found.stretch is not None:
+            check_whole("values", found.stretch, low=0, hint="stretches go by number")
+        return found
 
     def poses(self) -> list[Pose]:
         """Return where the robot stands, one pose per position."""

@@ -55,6 +55,7 @@ class Condition:
         sdnr_db: received probe over diffuse noise; None is no such noise.
         fault: of the array.
         pings: how many recordings are averaged; the levels are those of one.
+        stretch: number of the noise that all recordings hear; None is noise of its own for each.
     """
 
     room: Room
@@ -62,6 +63,7 @@ class Condition:
     sdnr_db: float | None
     fault: Fault
     pings: int = 1
+    stretch: int | None = None
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class Trials:
         scene: what the robot carries, as it believes.
         pose: where it stands.
         place: number of the pose; with `seed` it gives the fault and the noise-only recording.
-        numbers: of the trials; with `seed` each gives its noise, whatever the condition.
+        numbers: of the trials; with `seed` each gives its noise, whatever the condition, unless that names a stretch.
         seed: see above.
     """
 
@@ -88,6 +90,11 @@ class Trials:
         """Return a source of random numbers of its own."""
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=key))
 
+    def noise(self, number: int) -> np.random.Generator:
+        """Return the source of a trial's noise."""
+        stretch = self.condition.stretch
+        return self.rng(2, number) if stretch is None else self.rng(5, stretch)
+
     def record(self) -> Observation:
         """Return all recordings, samples (B, M, N), with what a recording of the noise alone tells of it."""
         room, rng, pings = self.condition.room, self.rng(1, self.place), self.condition.pings
@@ -96,7 +103,7 @@ class Trials:
         alone = gains * noise_alone(room, self.pose, scene, seconds=NOISE_SECONDS, rng=rng, pings=pings, **levels)
         received = scene.received(room, self.pose)
         recordings = [
-            gains * add_noise(received, scene, gain_db=0.0, rng=self.rng(2, number), pings=pings, **levels)
+            gains * add_noise(received, scene, gain_db=0.0, rng=self.noise(number), pings=pings, **levels)
             for number in self.numbers
         ]
         about = (self.scene.probe, self.scene.array, self.scene.speed_of_sound)
