@@ -268,7 +268,7 @@ def test_rows_with_diffuse_noise_depend_on_the_seed_alone(
 @pytest.mark.parametrize("whiten", [True, "spatial"])
 def test_a_localizer_that_whitens_is_handed_the_noise_of_each_row(hovering: ScatteredPlan, whiten: bool | str) -> None:
     """Under rotors that drown every echo without it; whatever rows are estimated together, and whatever their gain."""
-    loud = replace(hovering, snr_db=(40.0, 40.0), sdnr_db=(-28.0, -22.0), localizer=Joint(SearchWindow(), 36))
+    loud = replace(hovering, snr_db=(40.0, 40.0), sdnr_db=(-26.0, -20.0), localizer=Joint(SearchWindow(), 36))
     found = records(replace(loud, localizer=Joint(SearchWindow(), 36, whiten=whiten)), range(6))
     lags = SearchWindow().lags(loud.scene.array, 22050.0, 343.0)
     within = ((found["truth_toa"] * 22050 >= lags[0]) & (found["truth_toa"] * 22050 <= lags[1])).any(axis=1)

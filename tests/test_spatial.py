@@ -186,10 +186,10 @@ ROOM = Room((6.0, 5.0, 6.0), 0.25)
 
 def test_under_a_robots_own_rotors_it_holds_the_map_that_plain_whitening_loses() -> None:
     """Four rotors beside the array; in a diffuse field, which no weights can remove, it loses nothing."""
-    scene = Scene(RING, signals.noise_probe(length=8000), Images(), White(), diffuse=ARMS)
+    scene = Scene(RING, signals.noise_probe(), Images(), White(), diffuse=ARMS)
     both = {"plain": Joint(whiten=True), "spatial": Joint(whiten="spatial")}
-    study = Study("sdnr_db", [-35.0], ROOM, scene, both, positions=24, trials=48)
-    plain, weighted = listen(study, -35.0)["hit"][:, :2, METRICS.index("on_map")].mean(axis=0)
+    study = Study("sdnr_db", [-37.0], ROOM, scene, both, positions=24, trials=24)
+    plain, weighted = listen(study, -37.0)["hit"][:, :2, METRICS.index("on_map")].mean(axis=0)
     assert weighted >= 0.85
     assert weighted >= plain + 0.5
     spread = replace(study, scene=replace(scene, diffuse=Diffuse(Rotor())), positions=2, trials=6)
