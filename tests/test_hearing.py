@@ -163,7 +163,7 @@ def test_a_missing_recording_is_named(world: World, edited: Callable[..., Path])
 
 @pytest.fixture(scope="module")
 def hovering(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a walk under rotors, with what they sound like alone; floor and ceiling are too far to be the strongest."""
+    """Return a walk under rotors, with what they sound like alone; floor and ceiling are too far to be heard."""
     scene = replace(plans()[0].scene, diffuse=Diffuse(Rotor()))
     runs = tmp_path_factory.mktemp("hovering")
     tall = replace(HALL, size=(6.0, 5.0, 6.0))

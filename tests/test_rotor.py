@@ -69,7 +69,7 @@ def test_its_spectrum_is_that_of_a_recording() -> None:
     assert np.abs(10 * np.log10(bands(frequencies, power) / DREGON)).max() < 3.0
 
 
-def test_the_wash_comes_in_gusts_and_the_hiss_is_steady() -> None:
+def test_the_wash_comes_in_gusts_and_the_hiss_is_steady_as_in_the_recording() -> None:
     """In the recording levels of 20 ms wander by 5 to 7 dB in bands below 500 Hz, and by 1.4 dB above 4 kHz."""
     gusty, calm = sound(Rotor(), seconds=60.0), sound(replace(Rotor(), gust_db=0.0), seconds=60.0)
     assert 4.0 < level(gusty, 200, 500).std() < 7.0

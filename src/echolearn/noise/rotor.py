@@ -13,7 +13,7 @@ a mean power of 1. The hiss c, of density 1 / (1 + (f / hiss_corner)^8), is stea
 The defaults are fitted to a recording from DREGON (four rotors at 70 revolutions/s; Strauss et al., "DREGON: dataset
 and methods for UAV-embedded sound source localization", 2018) as the paper's first author keeps it with the program of
 another paper: 90 % of the power below 459 Hz, the strongest line at 68 Hz, levels that wander by 6 dB from 20 ms to
-20 ms below 500 Hz and by 1.4 dB above 4 kHz. The model's power in third-octave bands from 40 Hz is within 3 dB of it.
+20 ms below 500 Hz and by 1.4 dB above 4 kHz. The model's third octaves, 50 Hz to 8 kHz, are within 3 dB of it.
 """
 
 from dataclasses import dataclass
