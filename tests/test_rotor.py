@@ -145,6 +145,11 @@ def test_harmonics_stop_at_the_nyquist_frequency() -> None:
     assert folded < 1e-3 * power.sum()
 
 
+def test_the_shortest_sounds_are_sound() -> None:
+    power = [Rotor()(length=1, sample_rate=RATE, rng=np.random.default_rng(seed))[0] ** 2 for seed in range(4000)]
+    assert np.mean(power) == pytest.approx(1.0, abs=0.25)
+
+
 def test_seeds_tell_sounds_apart() -> None:
     first, again, other = (sound(Rotor(), seconds=0.5, seed=seed) for seed in (1, 1, 2))
     assert np.array_equal(first, again)

@@ -131,7 +131,7 @@ def _wandering(steps: int, time: float, rng: np.random.Generator) -> Array:
 
 def _falling(length: int, sample_rate: float, corner: float, order: float, rng: np.random.Generator) -> Array:
     """Return Gaussian noise of power 1 and density 1 / (1 + (f / corner)^order) above `LOWEST`, shape (length,)."""
-    size = fft.next_fast_len(length, real=True)
+    size = fft.next_fast_len(max(length, int(2 * sample_rate / LOWEST)), real=True)
     frequencies = fft.rfftfreq(size, 1.0 / sample_rate)
     density = np.where(frequencies < LOWEST, 0.0, 1.0 / (1.0 + (frequencies / corner) ** order))
     shaped = fft.irfft(np.sqrt(density / density.mean()) * fft.rfft(rng.standard_normal(size)), size)
