@@ -215,14 +215,14 @@ def samples() -> Array:
     return recorded(path).samples.astype(float)
 
 
-def test_its_spectrum_is_the_one_that_the_model_is_held_against(samples: Array) -> None:
+def test_the_spectrum_of_the_recording_is_the_one_that_the_model_is_held_against(samples: Array) -> None:
     frequencies, power = signal.welch(samples, RATE, nperseg=int(RATE))
     assert np.allclose(100 * bands(frequencies, power), 100 * DREGON, atol=0.001)
     assert frequencies[np.searchsorted(np.cumsum(power) / power.sum(), 0.9)] == pytest.approx(459, abs=5)
     assert frequencies[power.argmax()] == pytest.approx(68, abs=1)
 
 
-def test_its_low_frequencies_come_in_gusts_and_its_high_ones_do_not(samples: Array) -> None:
+def test_low_frequencies_of_the_recording_come_in_gusts_and_high_ones_do_not(samples: Array) -> None:
     assert [round(level(samples, *band).std(), 1) for band in ((80, 200), (200, 500), (4000, 11000))] == [6.0, 7.0, 1.4]
 
 
