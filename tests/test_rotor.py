@@ -54,10 +54,10 @@ def bands(frequencies: Array, power: Array) -> Array:
     return power @ inside / power.sum()
 
 
-def level(samples: Array, low: float, high: float, *, seconds: float = 0.02) -> Array:
+def level(samples: Array, low: float, high: float, *, seconds: float = 0.02, rate: float = RATE) -> Array:
     """Return the level of a band in successive blocks, in dB."""
-    band = signal.sosfiltfilt(signal.butter(4, [low, high], "bandpass", fs=RATE, output="sos"), samples)
-    block = int(seconds * RATE)
+    band = signal.sosfiltfilt(signal.butter(4, [low, high], "bandpass", fs=rate, output="sos"), samples)
+    block = int(seconds * rate)
     return 10 * np.log10(np.mean(band[: len(band) // block * block].reshape(-1, block) ** 2, axis=1))
 
 
@@ -79,7 +79,8 @@ def test_the_wash_comes_in_gusts_and_the_hiss_is_steady_as_in_the_recording() ->
 
 def test_gusts_are_as_strong_and_as_long_as_they_are_told() -> None:
     wash = replace(Rotor(), tonal=0.0, hiss=0.0, gust_db=6.0, gust=2.0)
-    found = [level(sound(wash, seconds=300.0, seed=seed), 60, 11000, seconds=0.2) for seed in range(6)]
+    heard = [wash(length=660_000, sample_rate=2205.0, rng=np.random.default_rng(seed)) for seed in range(6)]
+    found = [level(each, 60, 1000, seconds=0.2, rate=2205.0) for each in heard]
     assert np.mean([each.std() for each in found]) == pytest.approx(6.0, rel=0.1)
     after = [np.corrcoef(each[:-10], each[10:])[0, 1] for each in found]
     assert np.mean(after) == pytest.approx(np.exp(-1), abs=0.1)
@@ -146,8 +147,8 @@ def test_harmonics_stop_at_the_nyquist_frequency() -> None:
 
 
 def test_the_shortest_sounds_are_sound() -> None:
-    power = [Rotor()(length=1, sample_rate=RATE, rng=np.random.default_rng(seed))[0] ** 2 for seed in range(4000)]
-    assert np.mean(power) == pytest.approx(1.0, abs=0.25)
+    power = [Rotor()(length=1, sample_rate=RATE, rng=np.random.default_rng(seed))[0] ** 2 for seed in range(2000)]
+    assert np.mean(power) == pytest.approx(1.0, abs=0.3)
 
 
 def test_seeds_tell_sounds_apart() -> None:
