@@ -96,6 +96,7 @@ def test_an_interrupt_ends_all_processes_at_once() -> None:
         while sum(len(path.read_text().split()) for path in threads.glob("*/children")) < 3:
             assert time.monotonic() < deadline
             time.sleep(0.05)
+        time.sleep(1.0)  # workers import before they listen
         began = time.monotonic()
         os.killpg(process.pid, signal.SIGINT)
         err = process.communicate(timeout=40)[1]
