@@ -64,8 +64,8 @@ def level(samples: Array, low: float, high: float, *, seconds: float = 0.02, rat
 def test_its_spectrum_is_that_of_a_recording() -> None:
     """90 % below 463 Hz, the strongest line at 70 Hz, and third octaves, but for whines of the motors, within 3 dB."""
     frequencies, power = density(Rotor())
-    assert power[frequencies < 463].sum() / power.sum() == pytest.approx(0.90, abs=0.015)
-    assert frequencies[power.argmax()] == pytest.approx(70.0, abs=2.0)
+    assert power[frequencies < 463].sum() / power.sum() == pytest.approx(0.90, abs=0.01)
+    assert frequencies[power.argmax()] == pytest.approx(70.0, abs=1.0)
     assert np.abs(10 * np.log10(bands(frequencies, power) / DREGON)).max() < 3.0
 
 
@@ -113,8 +113,9 @@ def test_the_hiss_is_flat_and_ends_at_its_corner() -> None:
 
 
 def test_it_has_unit_power() -> None:
-    power = [np.mean(sound(Rotor(), seed=seed) ** 2) for seed in range(20)]
-    assert np.mean(power) == pytest.approx(1.0, abs=0.1)
+    """Gusts scatter the power of ten seconds by a quarter, hence 20 sounds of five minutes."""
+    heard = [Rotor()(length=660_000, sample_rate=2205.0, rng=np.random.default_rng(seed)) for seed in range(20)]
+    assert np.mean(np.square(heard)) == pytest.approx(1.0, abs=0.05)
 
 
 def test_speed_wanders_as_much_as_it_is_told() -> None:
@@ -182,10 +183,10 @@ def test_bad_rotors_are_refused(change: dict[str, Any], message: str) -> None:
     assert str(refused.value).startswith(message)
 
 
-def test_s_nls_under_rotors_alone_is_as_good_as_planned(scene: Scene, study: tuple[Room, Pose]) -> None:
-    """20 probes x 3 draws. Planning measured 93, 73 and 20 % in few trials at SDNR -10, -20 and -30 dB.
+def test_s_nls_under_rotors_alone(scene: Scene, study: tuple[Room, Pose]) -> None:
+    """20 probes x 3 draws: the shares that the study finds. Planning had 93, 73 and 20 % at SDNR -10, -20 and -30 dB.
 
-    In the middle the figure hangs on the stretch of noise: docs/studies.md, "One stretch of noise".
+    What the middle one hangs on: docs/studies.md, "One stretch of noise".
     """
     truth, place = true_echoes(*study, RING).toa, microphone_positions(RING, study[1])[:1]
     response = scene.rir(study[0], study[1].position, place, sample_rate=22050.0, speed_of_sound=343.0)
