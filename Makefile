@@ -54,11 +54,11 @@ readme: $(READY) ## run everything from nothing, in runs/fresh, and write the ti
 	  sed "s/<!-- $$target -->[^<]*<!-- end -->/$$text/" README.md > README.md.new && mv README.md.new README.md; \
 	done
 
-RECORDED = experiment=rotor,stretches 'name=$${choice.experiment}_recorded' diffuse=recorded diffuse.source.path=$(RECORDING)
+RECORDED = experiment=rotor,rotor_low,stretches 'name=$${choice.experiment}_recorded' diffuse=recorded diffuse.source.path=$(RECORDING)
 
 studies: $(READY) ## how well localizers find echoes, against SNR, T60, noise, faults; writes docs/studies.md
 	$(RUN) study -m runs=$(RUNS) workers=$(JOBS) page=docs/studies.md \
-	  -- experiment=paper_snr,paper_t60,rotor,stretches,arms,pings,faults \
+	  -- experiment=paper_snr,paper_snr_low,paper_t60,rotor,rotor_low,stretches,arms,pings,faults \
 	  -- experiment=attainable room=$(MAPPED) \
 	  -- experiment=attainable room=$(MAPPED) seed=1 'values=[-20]' pings=10 'name=attainable_$${choice.room}_10_pings' \
 	  -- experiment=attainable room=$(MAPPED) seed=2 'values=[-30]' pings=100 'name=attainable_$${choice.room}_100_pings' \

@@ -173,6 +173,23 @@ def test_every_position_has_a_burst_of_its_own_or_all_have_the_scenes():
     assert not np.array_equal(other, study.listen(SMALL, -10.0)["hit"])
 
 
+def test_low_places_have_two_walls_and_the_floor_within_the_authors_window():
+    """By the images' paths: both walls at all heights, the floor up to 1.9 m, where the window ends, nothing else."""
+    low = replace(SMALL, room=Room((10.0, 8.0, 5.0), 0.6), places="low", positions=20, trials=20)
+    poses, ring = low.poses(), circular_array()
+    assert {(*pose.position[:2], pose.heading) for pose in poses} == {(1.0, 1.5, np.pi / 2)}
+    heights = sorted(pose.position[2] for pose in poses)
+    assert np.allclose(heights, np.arange(1.025, 2.0, 0.05))
+    for pose in poses:
+        mirrored = [np.where(np.arange(3) == axis, -pose.position, pose.position) for axis in range(3)]
+        paths = np.linalg.norm(mirrored - (pose.position + [0.0, 0.2, 0.0]), axis=1)
+        near = np.sort(paths * 22050 / 343)[: 3 if pose.position[2] < 1.89 else 2]
+        assert 116 < near[0] < near[-1] < 244
+        toa = np.sort(true_echoes(low.room, pose, ring).toa * 22050)
+        assert np.allclose(toa[: len(near)], near)
+        assert toa[len(near)] > 244
+
+
 WALK = replace(SMALL, room=Room((8.0, 6.0, 5.0), 0.6), places="walk", positions=60, trials=60)
 
 
@@ -266,7 +283,7 @@ def test_equal_shares_stand_side_by_side_near_their_value(vary, values):
         ({"vary": "pings", "values": [1, 2.5]}, "values=2.5"),
         ({"walls": (1.0, 40.0)}, "room"),
         ({"bursts": "some"}, "bursts=some: one or each"),
-        ({"places": "roof"}, "places=roof: corners or walk"),
+        ({"places": "roof"}, "places=roof: corners, low, walk"),
         ({"places": "walk", "room": Room((2.5, 6.0, 6.0), 0.25)}, "^room.size=2.5 x 6 x 6 m: two sides"),
         ({"places": "walk", "room": Room((8.0, 6.0, 5.0), 0.6), "positions": 900, "trials": 900}, "positions=900"),
         ({"localizers": {}}, "localizers"),

@@ -52,6 +52,17 @@ def test_another_walls_direction_counts_for_the_lenient_rule_only():
     assert judged(truth.toa[0], truth.azimuth[2]) == {"toa": 1.0, "doa": 0.0, "doa_any": 1.0, "on_map": 0.0}
 
 
+@pytest.mark.parametrize("elevation", [0.0, np.pi])
+def test_a_planar_array_finds_the_floor_above_or_below(elevation):
+    """A ceiling three times as far away shares nothing but the direction; a microphone off the plane can tell."""
+    room, pose = Room((10.0, 8.0, 5.0), 0.6), Pose(np.array([5.0, 4.0, 1.2]))
+    raised = RING.positions + 0.1 * (np.arange(6) == 2)[:, None] * [0.0, 0.0, 1.0]
+    for array, right in ((RING, True), (replace(RING, positions=raised), elevation == np.pi)):
+        floor = true_echoes(room, pose, array).toa.min()
+        [found] = hits(np.array([[floor, 0.3, elevation]]), room, pose, replace(SILENCE, array=array))
+        assert dict(zip(METRICS, found, strict=True)) == {"toa": 1.0, "doa": right, "doa_any": 1.0, "on_map": 0.0}
+
+
 def test_of_walls_equally_late_the_one_in_that_direction_is_matched():
     pose = Pose(np.array([1.2, 1.2, 3.0]))
     truth = true_echoes(ROOM, pose, RING)

@@ -2,16 +2,15 @@
 
 Expectations are a table of a page's own, `expected.csv` in the page's folder, a share a row. A figure that was counted
 in trials is held against the share that was found by Fisher's exact test, with Holm's correction for the number of such
-rows; it takes recordings as independent, so it finds differences rather too often. A figure that was counted at some
-value, it is not known which, is held against the shares at all values of the study: p is how many of these, and itself,
-lie as far out. A figure without a number of trials must lie in the interval found; a limit must be kept by the share
-itself; a share that is to stay what it is at another value must have an interval that overlaps the one there.
+rows; it takes recordings as independent, so it finds differences rather too often. A figure without a number of trials
+must lie in the interval found; a limit must be kept by the share itself; a share that is to stay what it is at another
+value must have an interval that overlaps the one there.
 
 | column               | meaning                                                                                  |
 |----------------------|------------------------------------------------------------------------------------------|
 | what                 | it is, in words                                                                           |
 | study                | its name                                                                                  |
-| localizer, metric, at | as in the study's table; `at` is the value of what is varied, nothing for one of them      |
+| localizer, metric, at | as in the study's table; `at` is the value of what is varied                               |
 | share                | that is expected, from 0 to 1; nothing beside `beside`                                    |
 | trials               | that it was counted in; nothing where that is not known                                   |
 | limit                | < or >= if the share is one                                                               |
@@ -31,7 +30,7 @@ import numpy as np
 from scipy.stats import fisher_exact
 
 from echolearn import curves, disk, stats, store
-from echolearn.types import Array, BadValue
+from echolearn.types import BadValue
 
 
 class Share(NamedTuple):
@@ -51,6 +50,9 @@ class Share(NamedTuple):
 Found = Mapping[tuple[str, str, str], Share]
 """(localizer, metric, value of what was varied) -> share."""
 
+MORE = "unnamed"
+"""Column of cells that no name stands above."""
+
 LEVEL = 0.05
 """Below it a corrected p tells two shares apart."""
 
@@ -60,7 +62,7 @@ class Expectation:
     """What a study is expected to find at one value: a row of `expected.csv`.
 
     Attributes:
-        at: localizer, metric, and value of what is varied, as in the study's table; "" is one of its values.
+        at: localizer, metric, and value of what is varied, as in the study's table.
         trials: of the share; None where that is not known.
     """
 
@@ -83,19 +85,6 @@ class Expectation:
         counted = stats.wilson(round(self.share * self.trials), self.trials)
         return str(Share(self.share, counted.low, counted.high, self.trials))
 
-    def beside_it(self, found: Found) -> Share | None:
-        """Return the share it is held against; of one value of many their mean, what 95 % range over, their number."""
-        if self.at[2]:
-            return found.get(self.at)
-        all_of_them = self._all(found)
-        if not len(all_of_them):
-            return None
-        low, high = np.quantile(all_of_them, [0.025, 0.975])
-        return Share(float(all_of_them.mean()), float(low), float(high), len(all_of_them))
-
-    def _all(self, found: Found) -> Array:
-        return np.array([share.value for at, share in found.items() if at[:2] == self.at[:2]])
-
     def agrees(self, found: Found) -> bool:
         """Tell whether a share without trials agrees with what was found."""
         share = found[self.at]
@@ -107,13 +96,9 @@ class Expectation:
         return share.low <= self.share <= share.high
 
     def p(self, found: Found) -> float:
-        """Return Fisher's p of the counts expected and found, or p by rank; NaN for a share without trials."""
+        """Return Fisher's p of the counts expected and found; NaN for a share without trials."""
         if self.trials is None:
             return math.nan
-        if not self.at[2]:
-            shares, counted = self._all(found), round(self.share * self.trials) / self.trials
-            farther = min(np.sum(shares >= counted), np.sum(shares <= counted))
-            return min(1.0, 2.0 * float(farther + 1) / (len(shares) + 1))
         pairs = (self.share, self.trials), (found[self.at].value, found[self.at].n)
         counts = [(round(share * trials), trials) for share, trials in pairs]
         return float(fisher_exact([[hits, trials - hits] for hits, trials in counts]).pvalue)
@@ -123,16 +108,19 @@ def read(path: Path) -> list[Expectation]:
     """Read `expected.csv`.
 
     Raises:
-        BadValue: a file that cannot be read, or a row that lacks a column or has no number where there must be one.
+        BadValue: a file that cannot be read, or a row that has too few or too many cells, or no number where there must
+            be one.
     """
     try:
         with path.open(newline="") as file:
-            return [_expectation(row) for row in csv.DictReader(file)]
+            return [_expectation(row) for row in csv.DictReader(file, restkey=MORE)]
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
         raise BadValue(f"{path}: cannot be read ({disk.one_line(error)})") from None
 
 
 def _expectation(row: Mapping[str, str]) -> Expectation:
+    if MORE in row:
+        raise ValueError(f"{MORE} {row[MORE]}: more cells than columns; a text with a comma needs quotation marks")
     words = {name: row[name] for name in ("what", "study", "limit", "beside", "source", "why")}
     at, trials = (row["localizer"], row["metric"], row["at"]), row["trials"]
     return Expectation(at=at, share=float(row["share"] or "nan"), trials=int(trials) if trials else None, **words)
@@ -152,7 +140,7 @@ def table(expectations: Sequence[Expectation], studies: Path, *, before: str = "
 
 def tabulate(expectations: Sequence[Expectation], found: Mapping[str, Found], *, before: str = "") -> str:
     """Return the table of what studies found, by name; the others as `before` has them."""
-    known = [each for each in expectations if each.beside_it(found[each.study])]
+    known = [each for each in expectations if each.at in found[each.study]]
     raw = np.array([each.p(found[each.study]) for each in known])
     counted = np.isfinite(raw)
     corrected = np.full(len(raw), np.nan)
@@ -176,7 +164,7 @@ def _row(each: Expectation, found: Found, p: float, holm: float) -> str:
         verdict = "not told apart"
     verdict += f". {each.why}" if verdict != "yes" and each.why else ""
     tests = ("", "") if math.isnan(p) else (f"{p:.2g}", f"{holm:.2g}")
-    return f"| {' | '.join([each.what, each.words(found), each.source, str(each.beside_it(found)), *tests, verdict])} |"
+    return f"| {' | '.join([each.what, each.words(found), each.source, str(found[each.at]), *tests, verdict])} |"
 
 
 def _open(each: Expectation) -> str:

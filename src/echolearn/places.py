@@ -3,6 +3,8 @@
 | places  | poses                                                                                              |
 |---------|----------------------------------------------------------------------------------------------------|
 | corners | the two walls of some corner at the distances `walls`, in either order, under a random heading        |
+| low     | `walls` away from those at x = 0 and y = 0, microphone 1 of the paper's array at 90 degrees, at        |
+|         | heights from 1 to 2 m, where the floor is as near as the walls                                       |
 | walk    | of several walks through the room (`mapping.trajectory`), those from which a wall is 1 to 2 m away  |
 
 Every pose of `walk` can give a point of the map, so a share of points on walls is there the share of the attainable.
@@ -15,7 +17,7 @@ from echolearn.geometry import outline
 from echolearn.mapping import trajectory
 from echolearn.types import Pose, Room, check
 
-PLACES = ("corners", "walk")
+PLACES = ("corners", "low", "walk")
 
 WALKS = 4
 """Walks that poses are taken from, their starts evenly spaced around the room."""
@@ -28,6 +30,12 @@ def corner(room: Room, walls: tuple[float, float], *, seed: int, position: int) 
     size, far = np.array(room.size), rng.integers(2, size=2).astype(bool)
     place = np.append(np.where(far, size[:2] - away, away), size[2] / 2)
     return Pose(place, float(rng.uniform(-np.pi, np.pi)))
+
+
+def low(walls: tuple[float, float], count: int) -> list[Pose]:
+    """Return poses in the corner at the origin, facing along y, at heights evenly from 1 to 2 m."""
+    heights = 1.0 + (np.arange(count) + 0.5) / count
+    return [Pose(np.array([*walls, height]), np.pi / 2) for height in heights]
 
 
 def walked(room: Room, count: int, *, seed: int) -> list[Pose]:

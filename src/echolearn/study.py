@@ -8,7 +8,7 @@ nearest in direction. Each metric is a share of all recordings:
 | metric  | the estimate ...                                                                  |
 |---------|-----------------------------------------------------------------------------------|
 | toa     | lies within 5 samples of its wall's TOA (the paper, V-B)                            |
-| doa     | lies within 5 degrees of its wall's azimuth                                         |
+| doa     | lies within 5 degrees of its wall; a planar array need not tell up from down        |
 | doa_any | lies within 5 degrees of any wall's azimuth: the paper's rule, easily met by chance |
 | on_map  | lies, as a map point, within 0.10 m of a wall                                       |
 
@@ -63,7 +63,7 @@ class Study:
         seed: of positions and noise.
         bursts: one, that of the scene, or each: a burst of its own, as long, for every position.
         pings: unless varied; how many recordings are averaged, each at the levels above.
-        places: corners or walk, see `places`; a walk keeps its own distances from the walls.
+        places: corners, low or walk, see `places`; a walk keeps its own distances from the walls.
     """
 
     vary: str
@@ -101,7 +101,7 @@ class Study:
         ascending = self.vary == "fault" or sorted(self.values) == list(self.values)
         check(ascending, "values", list(self.values), allowed="in ascending order", hint="figures join them in turn")
         check(self.bursts in BURSTS, "bursts", self.bursts, allowed=" or ".join(BURSTS))
-        check(self.places in places.PLACES, "places", self.places, allowed=" or ".join(places.PLACES))
+        check(self.places in places.PLACES, "places", self.places, allowed=", ".join(places.PLACES))
         for pose in self.poses():
             check_inside(self.room, self.scene.array, pose)
 
@@ -132,6 +132,8 @@ class Study:
         """Return where the robot stands, one pose per position."""
         if self.places == "walk":
             return places.walked(self.room, self.positions, seed=self.seed)
+        if self.places == "low":
+            return places.low(self.walls, self.positions)
         return [places.corner(self.room, self.walls, seed=self.seed, position=p) for p in range(self.positions)]
 
     def heard(self, position: int) -> Scene:

@@ -154,7 +154,7 @@ def hits(estimates: Array, room: Room, pose: Pose, observation: Observation) -> 
 
     Args:
         estimates: TOA in s, azimuth and elevation in rad, shape (B, 3).
-        room: gives the walls; floor and ceiling count for the TOA, not as walls of the map.
+        room: gives the walls; floor and ceiling count for TOA and direction, not as walls of the map.
         pose: where the robot stands.
         observation: gives its array and the speed of sound.
 
@@ -165,8 +165,10 @@ def hits(estimates: Array, room: Room, pose: Pose, observation: Observation) -> 
     truth = true_echoes(room, pose, array, speed)
     toa, azimuth, elevation = estimates.T
     late = np.abs(toa[:, None] - truth.toa) * rate
-    angle = np.arccos(np.clip(direction(azimuth, elevation) @ direction(truth.azimuth, truth.elevation).T, -1.0, 1.0))
-    away = np.degrees(angle)
+    found, true = direction(azimuth, elevation), direction(truth.azimuth, truth.elevation)
+    if np.ptp(array.positions[:, 2]) == 0.0:  # a planar array cannot tell up from down
+        found[:, 2], true[:, 2] = np.abs(found[:, 2]), np.abs(true[:, 2])
+    away = np.degrees(np.arccos(np.clip(found @ true.T, -1.0, 1.0)))
     matched = np.where(late < TOLERANCE_SAMPLES, away - 1000.0, late).argmin(axis=1)[:, None]
     point = wall_points(
         toa, azimuth, elevation, position=pose.position, heading=pose.heading, array=array, speed_of_sound=speed
