@@ -86,6 +86,8 @@ class Study:
         check(self.vary in VARIED, "vary", self.vary, allowed=", ".join(VARIED))
         check_list("values", self.values)
         check(len(self.values) > 0, "values", "[]", allowed="at least one value")
+        for value in self.values:
+            check(isinstance(value, str | int | float), "values", value, allowed="numbers, or names of faults")
         check(len(set(self.values)) == len(self.values), "values", list(self.values), allowed="each value once")
         check(len(self.localizers) > 0, "localizers", "{}", allowed="at least one")
         hint = "tables and figures call guessing so"
@@ -102,8 +104,17 @@ class Study:
         check(ascending, "values", list(self.values), allowed="in ascending order", hint="figures join them in turn")
         check(self.bursts in BURSTS, "bursts", self.bursts, allowed=" or ".join(BURSTS))
         check(self.places in places.PLACES, "places", self.places, allowed=", ".join(places.PLACES))
+        check(any(self.room.walls), "room.walls", list(self.room.walls), allowed="one that reflects, at least")
         for pose in self.poses():
+            self._check_inside(pose)
+
+    def _check_inside(self, pose: Pose) -> None:
+        try:
             check_inside(self.room, self.scene.array, pose)
+        except BadValue:
+            place, size = (", ".join(f"{x:g}" for x in pose.position), " x ".join(f"{x:g}" for x in self.room.size))
+            allowed = f"the whole array inside the room of {size} m; with places={self.places} it would be at ({place})"
+            raise BadValue(f"walls={list(self.walls)} m: {allowed}") from None
 
     def condition(self, value: Any) -> Condition:
         """Return what a value stands for.

@@ -11,6 +11,9 @@ from echolearn.types import Array, BadValue, check, check_number
 
 NAME = "diffuse.source.path"
 
+SILENCE = 0.1
+"""s, that is too long: 80 dB below the rest."""
+
 
 @dataclass(frozen=True)
 class Recorded:
@@ -36,7 +39,7 @@ class Recorded:
         left = len(self.samples) - length
         allowed = f"at least {length / sample_rate:.2f} s at once"
         hint = "every microphone takes a stretch of its own; use a longer one, a minute or more"
-        check(left >= 0, "recording", f"{len(self.samples) / sample_rate:.2f} s", allowed=allowed, hint=hint)
+        check(left >= 0, NAME, f"{len(self.samples) / sample_rate:.2f} s of sound", allowed=allowed, hint=hint)
         start = int(rng.integers(left + 1))
         return self.samples[start : start + length].astype(float)
 
@@ -50,7 +53,7 @@ def recorded(path: str | None, *, channel: int | str | None = None, sample_rate:
         sample_rate: wanted, in Hz.
 
     Raises:
-        BadValue: no such file, not audio, silence, NaN, or a channel that is not there.
+        BadValue: no such file, not audio, silence somewhere, NaN, or a channel that is not there.
     """
     check_number("diffuse.source.sample_rate", sample_rate, low=1000.0, high=400_000.0, unit="Hz")
     samples, rate = _read(path)
@@ -61,6 +64,10 @@ def recorded(path: str | None, *, channel: int | str | None = None, sample_rate:
     heard = heard - heard.mean()
     deviation = heard.std()
     check(deviation > 1e-9, NAME, f"{path}, silence", allowed="a recording of noise", hint="is it another channel?")
+    block = int(SILENCE * sample_rate)
+    still = heard[: len(heard) // block * block].reshape(-1, block).std(axis=1) < 1e-4 * deviation
+    where, hint = float(still.argmax() * SILENCE), "cut it away; what is heard may begin anywhere in the recording"
+    check(not still.any(), NAME, f"{path}, silence at {where:.1f} s", allowed="noise throughout", hint=hint)
     return Recorded((heard / deviation).astype(np.float32), float(sample_rate))
 
 
