@@ -67,6 +67,13 @@ def test_what_was_not_found_keeps_its_row_or_says_so():
     assert row(None, share=0.5, before=f"| other | a | us | b |\n{before}")[3] == "49 [40, 58], n = 100"
 
 
+def test_rows_of_one_thing_keep_each_its_own():
+    """All rows of the page's table come back from it where no study is at hand, those of equal words, too."""
+    page = (TABLE.parents[1] / "studies.md").read_text().split("<!-- expected")[1].split("-->", 1)[1].split("<!--")[0]
+    table = expected.tabulate(EXPECTATIONS, {each.study: {} for each in EXPECTATIONS}, before=page)
+    assert table == page.strip()
+
+
 def test_a_folder_without_studies_leaves_every_place_open(tmp_path):
     assert expected.table(EXPECTATIONS, tmp_path).count("not yet") == len(EXPECTATIONS) > 20
 

@@ -149,8 +149,7 @@ def tabulate(expectations: Sequence[Expectation], found: Mapping[str, Found], *,
         id(each): _row(each, found[each.study], float(p), float(holm))
         for each, p, holm in zip(known, raw, corrected, strict=True)
     }
-    old = {tuple(line.split(" | ")[:3:2]): line for line in before.splitlines()}
-    rows = [new.get(id(each)) or old.get((f"| {each.what}", each.source)) or _open(each) for each in expectations]
+    rows = [new.get(id(each)) or _kept(each, before) or _open(each) for each in expectations]
     return "\n".join([HEAD, *rows])
 
 
@@ -165,6 +164,12 @@ def _row(each: Expectation, found: Found, p: float, holm: float) -> str:
     verdict += f". {each.why}" if verdict != "yes" and each.why else ""
     tests = ("", "") if math.isnan(p) else (f"{p:.2g}", f"{holm:.2g}")
     return f"| {' | '.join([each.what, each.words(found), each.source, str(found[each.at]), *tests, verdict])} |"
+
+
+def _kept(each: Expectation, before: str) -> str | None:
+    """Return the row of an expectation in an earlier table; several may be of one thing, so the figure counts, too."""
+    begins = f"| {each.what} | " + (f"as at {each.beside}: " if each.beside else f"{each.words({})} | {each.source} |")
+    return next((line for line in before.splitlines() if line.startswith(begins)), None)
 
 
 def _open(each: Expectation) -> str:
