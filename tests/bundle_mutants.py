@@ -1,4 +1,5 @@
-"""Bundles as an enemy or a bad disk would leave them: `BUNDLES`, what is done to a copy and what the refusal says."""
+"""Bundles as an enemy or a bad disk would leave them: `BUNDLES`, what is done to a copy and what
+the refusal says."""
 
 import json
 import os
@@ -10,7 +11,9 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from echolearn import bundle, disk, store
+from echolearn.robot import bundle
+from echolearn.storage import manifests
+from echolearn.storage.files import readable, sha256
 
 Mutate = Callable[[Path], None]
 FILES = ("bundle.json", "model.onnx", "golden.npz", "probe.wav")
@@ -19,17 +22,18 @@ BUNDLES: dict[str, tuple[Mutate, str]] = {}
 
 
 def seal(folder: Path, **changes: Any) -> None:
-    """Make every checksum right again, as an enemy would, after changing keys of `bundle.json`; ... removes one."""
+    """Make every checksum right again, as an enemy would, after changing keys of `bundle.json`; ...
+    removes one."""
     about = json.loads((folder / "bundle.json").read_text())
     about.pop("sha256")
     about = {key: value for key, value in (about | changes).items() if value is not ...}
     if isinstance(about.get("files"), dict) and "files" not in changes:
         about["files"] = {
-            name: {"bytes": (folder / name).stat().st_size, "sha256": disk.sha256(folder / name)}
+            name: {"bytes": (folder / name).stat().st_size, "sha256": sha256(folder / name)}
             for name in bundle.LIMITS
             if (folder / name).is_file()
         }
-    (folder / "bundle.json").write_bytes(disk.readable(store.stamped(about)))
+    (folder / "bundle.json").write_bytes(readable(manifests.stamped(about)))
 
 
 def keys(said: str, **changes: Any) -> tuple[Mutate, str]:
@@ -116,7 +120,9 @@ def graph(*nodes: Any, initializers: tuple[Any, ...] = (), domain: str = "") -> 
     ]
     sets = [helper.make_opsetid("", 20), *([helper.make_opsetid(domain, 1)] if domain else [])]
     proto = helper.make_model(
-        helper.make_graph(list(nodes), "g", ends[:1], ends[1:], list(initializers)), opset_imports=sets, ir_version=10
+        helper.make_graph(list(nodes), "g", ends[:1], ends[1:], list(initializers)),
+        opset_imports=sets,
+        ir_version=10,
     )
     return replaced("model.onnx", lambda _: proto.SerializeToString())
 
@@ -176,8 +182,11 @@ def constant(value: Any, name: str) -> Any:
 
 
 def nudge(proto: Any) -> None:
-    """Change one number of the model: the calibration's slope or whatever is scalar and double first."""
-    tensor = next(t for t in proto.graph.initializer if t.data_type == TensorProto.DOUBLE and not t.dims)
+    """Change one number of the model: the calibration's slope or whatever is scalar and double
+    first."""
+    tensor = next(
+        t for t in proto.graph.initializer if t.data_type == TensorProto.DOUBLE and not t.dims
+    )
     tensor.CopyFrom(numpy_helper.from_array(numpy_helper.to_array(tensor) * 1.5 + 0.1, tensor.name))
 
 
@@ -192,7 +201,9 @@ def npy(header: str) -> Callable[[bytes], bytes]:
         with zipfile.ZipFile(buffer, "w") as archive:
             text = header.encode().ljust(117) + b"\n"
             for name in ("x.npy", "confidence.npy"):
-                archive.writestr(name, b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text)
+                archive.writestr(
+                    name, b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
+                )
         return buffer.getvalue()
 
     return make
@@ -203,8 +214,14 @@ for file_ in FILES:
         BUNDLES[f"bit {bit} at {place} of {file_}"] = (flip(file_, place, bit), f"{file_}")
     for share in (0.0, 0.5, 0.99):
         BUNDLES[f"{share} of {file_}"] = (cut(file_, share), file_)
-    BUNDLES[f"{file_} absent"] = (lambda folder, name=file_: (folder / name).unlink(), f"{file_}: cannot be read")  # type: ignore[misc]
-    BUNDLES[f"{file_} a link out"] = (linked(file_, "../outside"), f"{file_}: cannot be read (it is a symbolic link")
+    BUNDLES[f"{file_} absent"] = (
+        lambda folder, name=file_: (folder / name).unlink(),
+        f"{file_}: cannot be read",
+    )  # type: ignore[misc]
+    BUNDLES[f"{file_} a link out"] = (
+        linked(file_, "../outside"),
+        f"{file_}: cannot be read (it is a symbolic link",
+    )
     BUNDLES[f"{file_} a terabyte"] = (huge(file_), "1099511627776 bytes: at most")
 for file_ in FILES[1:]:
     BUNDLES[f"half of {file_}, sealed"] = (cut(file_, 0.5, sealed=True), file_)
@@ -352,7 +369,9 @@ BUNDLES |= {
 
 def header(place: int, value: int, size: int = 4) -> Mutate:
     """Return the mutation that overwrites a number of `probe.wav`'s header and seals."""
-    return replaced("probe.wav", lambda d: d[:place] + value.to_bytes(size, "little") + d[place + size :])
+    return replaced(
+        "probe.wav", lambda d: d[:place] + value.to_bytes(size, "little") + d[place + size :]
+    )
 
 
 def declared(size: int) -> Mutate:
@@ -372,7 +391,9 @@ def maker(kind: str, *inputs: Any, **attributes: Any) -> Mutate:
         helper.make_node(kind, names, ["big"], **attributes),
         helper.make_node("ReduceMax", ["big"], ["most"], keepdims=0),
         helper.make_node("Cast", ["most"], ["confidence"], to=TensorProto.DOUBLE),
-        initializers=tuple(constant(value, name) for value, name in zip(inputs, names, strict=True)),
+        initializers=tuple(
+            constant(value, name) for value, name in zip(inputs, names, strict=True)
+        ),
     )
 
 
@@ -402,7 +423,9 @@ BUNDLES |= {
         "Pad": maker("Pad", ONE, np.array([0, MANY])),
         "RandomNormal": maker("RandomNormal", shape=[MANY]),
         "OneHot": maker("OneHot", np.array([0]), np.array(MANY), np.array([0.0, 1.0], np.float32)),
-        "Resize": maker("Resize", ONE[None, None], ONE[:0], np.array([1.0, 1.0, 2.0**34], np.float32)),
+        "Resize": maker(
+            "Resize", ONE[None, None], ONE[:0], np.array([1.0, 1.0, 2.0**34], np.float32)
+        ),
     }.items()
 }
 BUNDLES |= {

@@ -6,15 +6,21 @@ import numpy as np
 import yaml
 from PIL import Image
 
-from echolearn.mapfiles import Chart, Files
-from echolearn.types import Array, Echoes, EchoMap
+from echolearn.acoustics.types import Array, Echoes, EchoMap
+from echolearn.mapping.files.chart import Chart, Files
 
-POINTS = np.array([[3.02, -1.98], [5.02, 1.03], [5.02, 1.03], [4.02, 3.02], [9.0, 9.0], [3.02, -0.98]])
-POSES = np.array([[3.02, -0.98], [4.02, 1.03], [4.02, 1.03], [4.02, 1.02], [4.02, 1.02], [3.02, -0.98]])
+POINTS = np.array(
+    [[3.02, -1.98], [5.02, 1.03], [5.02, 1.03], [4.02, 3.02], [9.0, 9.0], [3.02, -0.98]]
+)
+POSES = np.array(
+    [[3.02, -0.98], [4.02, 1.03], [4.02, 1.03], [4.02, 1.02], [4.02, 1.02], [3.02, -0.98]]
+)
 CONFIDENCE = np.array([0.9, 0.8, 0.7, 0.99, 0.1, 0.9])
 FLAT = np.array([1, 1, 1, 1, 1, 0])
 
-CORNERS = np.array([[-1.48, -1.98], [4.52, -1.98], [4.52, 0.52], [1.52, 0.52], [1.52, 3.52], [-1.48, 3.52]])
+CORNERS = np.array(
+    [[-1.48, -1.98], [4.52, -1.98], [4.52, 0.52], [1.52, 0.52], [1.52, 3.52], [-1.48, 3.52]]
+)
 """An L that no mirror and no turn maps onto itself; no wall lies on the border of a cell."""
 
 LEGS = np.array([[3.62, -1.08], [0.32, -1.08], [0.32, 2.42]])
@@ -22,12 +28,17 @@ LEGS = np.array([[3.62, -1.08], [0.32, -1.08], [0.32, 2.42]])
 
 
 def lopsided() -> Chart:
-    """Return three poses of two echoes in a lopsided place with negative coordinates; the last is a ceiling's."""
+    """Return three poses of two echoes in a lopsided place with negative coordinates; the last is a
+    ceiling's."""
     column = (np.arange(6.0) / 3).reshape(3, 2)
-    echoes = Echoes(column, column + 1, column + 2, column + 3, (FLAT * np.pi / 2).reshape(3, 2), column + 4)
+    echoes = Echoes(
+        column, column + 1, column + 2, column + 3, (FLAT * np.pi / 2).reshape(3, 2), column + 4
+    )
     path = np.array([[3.02, -0.98, 1.5], [4.02, 1.03, 1.6], [4.02, 1.02, 1.7]])
     outline = np.array([[0.0, -2.0], [5.0, -2.0], [5.0, 3.0], [0.0, 3.0]])
-    return Chart("lopsided", echoes, EchoMap(POINTS, CONFIDENCE, CONFIDENCE > 0.5, POSES), path, outline)
+    return Chart(
+        "lopsided", echoes, EchoMap(POINTS, CONFIDENCE, CONFIDENCE > 0.5, POSES), path, outline
+    )
 
 
 def angled() -> Chart:
@@ -37,7 +48,10 @@ def angled() -> Chart:
     along = np.diff(path, axis=0, append=path[-1:] + [[0.0, 1.0]])
     column = np.full((len(path), 2), np.pi / 2)
     found = EchoMap(
-        points.reshape(-1, 2), np.full(2 * len(path), 0.95), np.full(2 * len(path), True), path.repeat(2, 0)
+        points.reshape(-1, 2),
+        np.full(2 * len(path), 0.95),
+        np.full(2 * len(path), True),
+        path.repeat(2, 0),
     )
     walk = np.column_stack([path, np.linspace(1.0, 1.5, len(path))])
     headings = np.arctan2(along[:, 1], along[:, 0])
@@ -53,7 +67,8 @@ def _nearest(place: Array) -> Array:
 
 
 def nav2(files: Files) -> tuple[Array, tuple[float, float, float]]:
-    """Return cells (row 0 the smallest y; 100, 0 or -1), origin and resolution, as nav2's map_server loads them."""
+    """Return cells (row 0 the smallest y; 100, 0 or -1), origin and resolution, as nav2's
+    map_server loads them."""
     about = yaml.safe_load(files["map.yaml"])
     image = np.asarray(Image.open(BytesIO(files[about["image"]])), dtype=float)
     assert about["mode"] == "trinary" and about["origin"][2] == 0

@@ -1,4 +1,5 @@
-"""Small worlds that many tests share: the paper's robot, a live room, and what is heard in a corner of it."""
+"""Small worlds that many tests share: the paper's robot, a live room, and what is heard in a corner
+of it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,15 +9,16 @@ import numpy as np
 import pytest
 
 import world as small
-from echolearn import signals
-from echolearn.compare import compare
-from echolearn.geometry import circular_array, microphone_positions
-from echolearn.noise.white import White
-from echolearn.rir.pyroom import Pyroom
-from echolearn.signals import noise_probe
-from echolearn.simulate import Scene, add_noise
-from echolearn.tables import Comparison
-from echolearn.types import Observation, Pose, Room
+from echolearn.acoustics import signals
+from echolearn.acoustics.geometry import circular_array, microphone_positions
+from echolearn.acoustics.signals import noise_probe
+from echolearn.acoustics.types import Observation, Pose, Room
+from echolearn.comparison.compare import compare
+from echolearn.comparison.tables import Comparison
+from echolearn.simulation.noise.white import White
+from echolearn.simulation.observe import add_noise
+from echolearn.simulation.rir.pyroom import Pyroom
+from echolearn.simulation.scene import Scene
 
 Hear = Callable[..., Observation]
 
@@ -41,7 +43,8 @@ def chamber() -> Room:
 
 @pytest.fixture(scope="session")
 def study() -> tuple[Room, Pose]:
-    """Return the paper's SNR study: 10 x 8 x 5 m, 1.0 and 1.5 m from two walls, microphone 1 at 90 degrees."""
+    """Return the paper's SNR study: 10 x 8 x 5 m, 1.0 and 1.5 m from two walls, microphone 1 at 90
+    degrees."""
     return Room((10.0, 8.0, 5.0), 0.6), Pose(np.array([1.0, 1.5, 2.4]), np.pi / 2)
 
 
@@ -56,12 +59,16 @@ def hear(scene: Scene) -> Hear:
     """Return a function that hears a place `trials` times at an SNR, each time with fresh noise."""
     responses: dict[tuple[float, ...], np.ndarray] = {}
 
-    def heard(place: tuple[Room, Pose], *, snr_db: float, trials: int, probe: int = 0) -> Observation:
+    def heard(
+        place: tuple[Room, Pose], *, snr_db: float, trials: int, probe: int = 0
+    ) -> Observation:
         room, pose = place
         key = (*pose.position, pose.heading)
         if key not in responses:
             places = microphone_positions(scene.array, pose)
-            responses[key] = scene.rir(room, pose.position, places, sample_rate=22050.0, speed_of_sound=343.0)
+            responses[key] = scene.rir(
+                room, pose.position, places, sample_rate=22050.0, speed_of_sound=343.0
+            )
         robot = replace(scene, probe=noise_probe(seed=probe))
         received = signals.convolve(robot.probe.samples, responses[key], robot.probe.length)
         draws = (np.random.default_rng([probe, trial]) for trial in range(trials))

@@ -1,20 +1,22 @@
 """Rooms and waves once more, slow and literal: oracles for the fast code, sharing none of it.
 
-The estimators' equations are in `echolearn.literal`; delays are its phase shifts. c is 343 m/s throughout.
+The estimators' equations are in `echolearn.bench.equations`; delays are its phase shifts. c is 343
+m/s throughout.
 """
 
 import math
 
 import numpy as np
 
-from echolearn.literal import delays, padded, shift
-from echolearn.types import Array
+from echolearn.acoustics.types import Array
+from echolearn.bench.equations import delays, padded, shift
 
 SPEED = 343.0
 
 
 def plane_wave(source: Array, positions: Array, azimuth: float, *, rate: float) -> Array:
-    """Return what microphones (M, 3) hear of a plane wave that passes the origin as `source` (N,), shape (M, N)."""
+    """Return what microphones (M, 3) hear of a plane wave that passes the origin as `source` (N,),
+    shape (M, N)."""
     return np.stack([shift(source, delay * rate) for delay in delays(positions, azimuth)])
 
 
@@ -36,7 +38,12 @@ def microphones(positions: Array, place: Array, heading: float) -> Array:
     return np.array(turned) + place
 
 
-def echo(burst: Array, image: Array, microphone: Array, *, strength: float, rate: float, length: int) -> Array:
-    """Return the burst as it comes from one image to one microphone: strength / (4 pi d), d/c late, shape (length,)."""
+def echo(
+    burst: Array, image: Array, microphone: Array, *, strength: float, rate: float, length: int
+) -> Array:
+    """Return the burst as it comes from one image to one microphone: strength / (4 pi d), d/c late,
+    shape (length,)."""
     distance = float(np.linalg.norm(image - microphone))
-    return strength / (4 * math.pi * distance) * shift(padded(burst, length), distance / SPEED * rate)
+    return (
+        strength / (4 * math.pi * distance) * shift(padded(burst, length), distance / SPEED * rate)
+    )

@@ -1,4 +1,5 @@
-"""Surveys as an enemy or a bad disk would leave them: `SURVEYS`, what is done to a copy and what the refusal says."""
+"""Surveys as an enemy or a bad disk would leave them: `SURVEYS`, what is done to a copy and what
+the refusal says."""
 
 import json
 import os
@@ -11,7 +12,9 @@ import yaml
 from scipy.io import wavfile
 
 from bundle_mutants import Mutate, cut, flip, huge, swap
-from echolearn import disk, provenance, recording, store
+from echolearn.storage import manifests
+from echolearn.storage.files import readable
+from echolearn.survey import proof, reader
 
 FIRST, SECOND = "observations/0000.wav", "observations/0001.wav"
 FILES = ("survey.yaml", "probe.wav", "poses.csv", "simulated.json", SECOND, "manifest.json")
@@ -20,13 +23,14 @@ SURVEYS: dict[str, tuple[Mutate, str]] = {}
 
 
 def bare(change: Callable[[Path], object], *, sealed: bool = False) -> Mutate:
-    """Return the mutation of a survey without a manifest, as a robot leaves it, or with one that fits the change."""
+    """Return the mutation of a survey without a manifest, as a robot leaves it, or with one that
+    fits the change."""
 
     def mutate(folder: Path) -> None:
         (folder / "manifest.json").unlink()
         change(folder)
         if sealed:
-            store.finish(folder, {"kind": "survey"}, provenance.used(recording.read(folder)))
+            manifests.finish(folder, {"kind": "survey"}, proof.used(reader.read(folder)))
 
     return mutate
 
@@ -44,7 +48,11 @@ def told(said: str, **changes: Any) -> tuple[Mutate, str]:
     def change(folder: Path) -> None:
         path = folder / "survey.yaml"
         about = yaml.safe_load(path.read_text()) | changes
-        path.write_text(yaml.dump({key: value for key, value in about.items() if value is not ...}, Dumper=Plain))
+        path.write_text(
+            yaml.dump(
+                {key: value for key, value in about.items() if value is not ...}, Dumper=Plain
+            )
+        )
 
     return bare(change), said
 
@@ -57,7 +65,11 @@ def text(said: str, content: str | bytes) -> tuple[Mutate, str]:
 
 def added(said: str, more: str) -> tuple[Mutate, str]:
     """Return the mutation that adds lines to `survey.yaml`."""
-    return bare(lambda folder: (folder / "survey.yaml").write_text((folder / "survey.yaml").read_text() + more)), said
+    return bare(
+        lambda folder: (folder / "survey.yaml").write_text(
+            (folder / "survey.yaml").read_text() + more
+        )
+    ), said
 
 
 def poses(said: str, old: str, new: str) -> tuple[Mutate, str]:
@@ -76,14 +88,18 @@ def header(name: str, place: int, value: int, size: int) -> Mutate:
 
     def change(folder: Path) -> None:
         data = (folder / name).read_bytes()
-        (folder / name).write_bytes(data[:place] + value.to_bytes(size, "little") + data[place + size :])
+        (folder / name).write_bytes(
+            data[:place] + value.to_bytes(size, "little") + data[place + size :]
+        )
 
     return bare(change)
 
 
 def samples(name: str, change: Callable[[Any], Any], rate: int = 22050) -> Mutate:
     """Return the mutation that changes the samples (N, M) of a WAV file."""
-    return bare(lambda folder: wavfile.write(folder / name, rate, change(wavfile.read(folder / name)[1])))
+    return bare(
+        lambda folder: wavfile.write(folder / name, rate, change(wavfile.read(folder / name)[1]))
+    )
 
 
 def spoilt(value: float) -> Callable[[Any], Any]:
@@ -118,7 +134,7 @@ def manifest(change: Callable[[dict[str, Any]], object]) -> Mutate:
     def mutate(folder: Path) -> None:
         about = json.loads((folder / "manifest.json").read_text())
         change(about)
-        (folder / "manifest.json").write_bytes(disk.readable(store.stamped(about)))
+        (folder / "manifest.json").write_bytes(readable(manifests.stamped(about)))
 
     return mutate
 
@@ -126,7 +142,9 @@ def manifest(change: Callable[[dict[str, Any]], object]) -> Mutate:
 def entry(name: str, **changes: Any) -> Mutate:
     """Return the mutation that changes or adds an entry of the manifest."""
     whole = {"bytes": 0, "sha256": "0" * 64}
-    return manifest(lambda about: about["files"].update({name: about["files"].get(name, whole) | changes}))
+    return manifest(
+        lambda about: about["files"].update({name: about["files"].get(name, whole) | changes})
+    )
 
 
 def listed(name: str, put: Callable[[Path], object]) -> Mutate:
@@ -141,7 +159,9 @@ def listed(name: str, put: Callable[[Path], object]) -> Mutate:
 
 def many_rows(folder: Path) -> None:
     """Write a walk of millions of poses at one recording."""
-    (folder / "poses.csv").write_text("index,x_m,y_m,z_m,heading_rad,file\n" + f"0,2,2,1,0,{FIRST}\n" * 300_000)
+    (folder / "poses.csv").write_text(
+        "index,x_m,y_m,z_m,heading_rad,file\n" + f"0,2,2,1,0,{FIRST}\n" * 300_000
+    )
 
 
 for file_ in FILES:
@@ -157,11 +177,17 @@ for file_ in (*FILES[:3], SECOND):
     SURVEYS[f"{file_} a link out"] = (
         replaced(file_, lambda path, up=up: path.symlink_to(f"{up}outside")), "a path inside the survey's folder"  # type: ignore[misc]
     )  # fmt: skip
-    SURVEYS[f"{file_} a device"] = replaced(file_, lambda path: path.symlink_to("/dev/zero")), "inside the survey's"
+    SURVEYS[f"{file_} a device"] = (
+        replaced(file_, lambda path: path.symlink_to("/dev/zero")),
+        "inside the survey's",
+    )
     SURVEYS[f"{file_} a pipe"] = replaced(file_, os.mkfifo), "no plain file"
     SURVEYS[f"{file_} a folder"] = replaced(file_, Path.mkdir), "no plain file"
 SURVEYS |= {
-    "recordings exchanged": (swap(FIRST, SECOND, sealed=False), "its SHA-256 differs; if you changed"),
+    "recordings exchanged": (
+        swap(FIRST, SECOND, sealed=False),
+        "its SHA-256 differs; if you changed",
+    ),
     "probe for recording": (swap(FIRST, "probe.wav", sealed=False), ""),
     "probe for recording, bare": (bare(swap(FIRST, "probe.wav", sealed=False)), ""),
     "poses for description": (bare(swap("poses.csv", "survey.yaml", sealed=False)), "survey.yaml"),
@@ -183,11 +209,18 @@ for file_ in (SECOND, "probe.wav"):
         "another order": (3, ord("X"), 1),
     }.items():
         SURVEYS[f"{name} in {file_}"] = header(file_, place, value, size), file_
-    for name, change in {"NaN": spoilt(np.nan), "infinity": spoilt(np.inf), "silence": np.zeros_like}.items():
+    for name, change in {
+        "NaN": spoilt(np.nan),
+        "infinity": spoilt(np.inf),
+        "silence": np.zeros_like,
+    }.items():
         SURVEYS[f"{name} in {file_}"] = samples(file_, change), file_
     SURVEYS[f"nothing but a header in {file_}"] = data(file_, lambda d: d[:58]), file_
     SURVEYS[f"text in {file_}"] = data(file_, lambda d: b"import os\n" * 40), file_
-    SURVEYS[f"64-bit sizes in {file_}"] = data(file_, lambda d: b"RF64" + b"\xff" * 4 + d[8:]), file_
+    SURVEYS[f"64-bit sizes in {file_}"] = (
+        data(file_, lambda d: b"RF64" + b"\xff" * 4 + d[8:]),
+        file_,
+    )
 SURVEYS |= {
     "a channel fewer": (samples(SECOND, lambda x: x[:, :5]), f"{SECOND}=(5, 6000): 6 channels of 6000"),
     "a channel more": (samples(SECOND, lambda x: np.pad(x, ((0, 0), (0, 1)))), f"{SECOND}=(7, 6000)"),

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from echolearn import deploy, recording
-from echolearn.cartography import draw
-from echolearn.cli import main
+from echolearn.cli.main import main
+from echolearn.robot.scorer import load
+from echolearn.robot.survey_map import draw
+from echolearn.survey import reader
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 EXAMPLE, SHORT = EXAMPLES / "read_bundle.py", EXAMPLES / "survey" / "short"
@@ -31,7 +32,7 @@ def test_a_bundle_is_read_by_its_documented_format_alone(packed: Path, tmp_path:
     assert done.returncode == 0 and done.stderr == "" and not any(tmp_path.iterdir())
     [difference] = re.findall(r"golden confidences: (\S+)", done.stdout)
     assert float(difference) <= 1e-5
-    scorer = deploy.load(packed)
+    scorer = load(packed)
     kept = int(np.sum(scorer(scorer.bundle.golden[0]) >= scorer.bundle.threshold))
     assert f"of 32 golden inputs {kept} are kept" in done.stdout
 
@@ -40,7 +41,9 @@ def test_damage_is_named(packed: Path, tmp_path: Path) -> None:
     for name in ("bundle.json", "model.onnx"):
         folder = shutil.copytree(packed, tmp_path / name)
         data = (folder / name).read_bytes()
-        (folder / name).write_bytes(data.replace(b"trees", b"birch", 1) if name.endswith("json") else data[:-1] + b"!")
+        (folder / name).write_bytes(
+            data.replace(b"trees", b"birch", 1) if name.endswith("json") else data[:-1] + b"!"
+        )
         done = read(folder)
         assert done.returncode != 0 and f"{name}: damaged" in done.stderr
 
@@ -74,7 +77,7 @@ def test_the_short_survey_is_what_its_command_makes(tmp_path: Path) -> None:
     command = json.loads((SHORT / "manifest.json").read_text())["command"]
     assert command in (EXAMPLES / "README.md").read_text()
     assert main([*shlex.split(command)[1:], f"runs={tmp_path}"]) == 0
-    kept, made = recording.read(SHORT), recording.read(tmp_path / "survey" / "short")
+    kept, made = reader.read(SHORT), reader.read(tmp_path / "survey" / "short")
     poses = range(len(kept.poses))
     assert np.allclose(made.observe(poses).samples, kept.observe(poses).samples, rtol=0, atol=1e-6)
     places = [[[*pose.position, pose.heading] for pose in walk.poses] for walk in (kept, made)]
@@ -84,5 +87,7 @@ def test_the_short_survey_is_what_its_command_makes(tmp_path: Path) -> None:
 
 def test_the_short_survey_is_mapped(packed: Path, tmp_path: Path) -> None:
     """Its recordings hold the nearest walls' echoes and little more, which is enough."""
-    scores = json.loads((draw(survey=SHORT, bundle=packed, runs=tmp_path) / "manifest.json").read_text())["scores"]
+    scores = json.loads(
+        (draw(survey=SHORT, bundle=packed, runs=tmp_path) / "manifest.json").read_text()
+    )["scores"]
     assert scores["precision"] >= 0.9 and scores["true_retention"] >= 0.9

@@ -1,7 +1,9 @@
-"""The paper's figures, and those that the project's planning measured: see `docs/paper.md` for what each one means.
+"""The paper's figures, and those that the project's planning measured: see `docs/paper.md` for what
+each one means.
 
-Plans and scene are those of `conf`, with the fast engine. Times need microphone 1 alone, which makes hundreds of
-observations a matter of seconds. A share is compared within three standard deviations of the difference between two
+Plans and scene are those of `conf`, with the fast engine. Times need microphone 1 alone, which
+makes hundreds of observations a matter of seconds. A share is compared within three standard
+deviations of the difference between two
 measurements of that size: the planned figure is one itself.
 """
 
@@ -12,19 +14,22 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from echolearn import features, metrics, stats
-from echolearn.classify.svm import Svm
-from echolearn.config import build, compose
-from echolearn.coverage import attainable
-from echolearn.geometry import distance_to_outline, outline, true_echoes
-from echolearn.localize import Localizer
-from echolearn.localize.gated import Gated
-from echolearn.localize.matched import Matched
-from echolearn.localize.snls import Snls
-from echolearn.mapping import echo_map, trajectory
-from echolearn.plans import GridPlan, Plan
-from echolearn.simulate import Scene, add_noise
-from echolearn.types import Array, MicArray, Observation, Pose, Room
+from echolearn.acoustics.geometry import distance_to_outline, outline, true_echoes
+from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Room
+from echolearn.classifiers.methods.svm import Svm
+from echolearn.cli.config import build, compose
+from echolearn.dataset.plans import GridPlan, Plan
+from echolearn.evaluation import metrics, stats
+from echolearn.evaluation.coverage import attainable
+from echolearn.localization import features
+from echolearn.localization.localizer import Localizer
+from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.methods.gated import Gated
+from echolearn.localization.methods.snls import Snls
+from echolearn.mapping.echo_map import echo_map
+from echolearn.simulation.observe import add_noise
+from echolearn.simulation.scene import Scene
+from echolearn.simulation.walk import trajectory
 
 RATE = 22050.0
 BLOCK = 64
@@ -53,12 +58,17 @@ class Heard(NamedTuple):
 
 def hear(plan: Plan, rows: Sequence[int], *, snr_db: Sequence[float] | None = None) -> Heard:
     """Estimate the TOA of rows of a plan at its own SNRs, or each row at all of `snr_db`, by S-NLS."""
-    blocks = [_hear(plan, rows[start : start + BLOCK], snr_db) for start in range(0, len(rows), BLOCK)]
+    blocks = [
+        _hear(plan, rows[start : start + BLOCK], snr_db) for start in range(0, len(rows), BLOCK)
+    ]
     return Heard(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
 
 
 def _hear(plan: Plan, rows: Sequence[int], snr_db: Sequence[float] | None) -> Heard:
-    generators = [np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(int(row),))) for row in rows]
+    generators = [
+        np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(int(row),)))
+        for row in rows
+    ]
     spots = [plan.spot(int(row), rng) for row, rng in zip(rows, generators, strict=True)]
     received = {s.group: (s.room, s.pose) for s in spots}
     received = {group: plan.scene.received(*place) for group, place in received.items()}
@@ -67,11 +77,19 @@ def _hear(plan: Plan, rows: Sequence[int], snr_db: Sequence[float] | None) -> He
         for s, rng in zip(spots, generators, strict=True)
         for level in ([s.snr_db] if snr_db is None else snr_db)
     ]
-    matched = Matched(Observation(np.stack(samples), plan.scene.probe, plan.scene.array), plan.window)
+    matched = MatchedFilter(
+        Observation(np.stack(samples), plan.scene.probe, plan.scene.array), plan.window
+    )
     peak = features.peak_columns(matched.correlation[:, 0], matched.strongest)["peak_to_rms"]
     each = (len(spots), 1) if snr_db is None else (len(spots), len(snr_db))
-    toa, truth = matched.toa(matched.strongest).reshape(each), [times(plan, s.room, s.pose) for s in spots]
-    near = [np.abs(t[:, None] * RATE - walls).min(axis=1) < 10 for t, walls in zip(toa, truth, strict=True)]
+    toa, truth = (
+        matched.toa(matched.strongest).reshape(each),
+        [times(plan, s.room, s.pose) for s in spots],
+    )
+    near = [
+        np.abs(t[:, None] * RATE - walls).min(axis=1) < 10
+        for t, walls in zip(toa, truth, strict=True)
+    ]
     return Heard(toa, peak.reshape(each), np.array(near), np.array([s.group for s in spots]))
 
 
@@ -112,13 +130,16 @@ def test_the_authors_window_is_116_to_244(paper: GridPlan) -> None:
 
 
 def test_71_percent_of_the_grid_have_a_wall_in_the_window(paper: GridPlan) -> None:
-    """A wall 1.0 m ahead of microphone 1 comes at (2 - 0.2) fs / c = 115.7: inside once rounded, as the window is.
+    """A wall 1.0 m ahead of microphone 1 comes at (2 - 0.2) fs / c = 115.7: inside once rounded, as
+    the window is.
 
     So the literal share is smaller than that of rounded times, and the reference lies between.
     """
     first, last = paper.window.lags(paper.scene.array, RATE)
     toa = np.array([times(paper, paper.room, Pose(place)) for place in paper.positions])
-    literal, rounded = (((t >= first) & (t <= last)).any(axis=1).mean() for t in (toa, np.rint(toa)))
+    literal, rounded = (
+        ((t >= first) & (t <= last)).any(axis=1).mean() for t in (toa, np.rint(toa))
+    )
     assert literal == pytest.approx(0.683, abs=0.001)
     assert rounded == pytest.approx(0.729, abs=0.001)
     assert literal < 0.71 < rounded
@@ -126,7 +147,9 @@ def test_71_percent_of_the_grid_have_a_wall_in_the_window(paper: GridPlan) -> No
 
 def test_only_three_wall_distances_ever_fall_into_the_window(paper: GridPlan) -> None:
     """A time of arrival says which wall it is, and a classifier can learn these few times by heart."""
-    distances = np.concatenate([paper.positions, np.array(paper.room.size) - paper.positions], axis=1)
+    distances = np.concatenate(
+        [paper.positions, np.array(paper.room.size) - paper.positions], axis=1
+    )
     toa = np.array([times(paper, paper.room, Pose(place)) for place in paper.positions])
     inside = (np.rint(toa) >= 116) & (np.rint(toa) <= 244)
     walls = distances[:, [0, 3, 1, 4, 2, 5]]
@@ -159,7 +182,8 @@ def test_s_nls_is_right_as_often_as_planned(by_snr: Heard, column: int) -> None:
 
 
 def test_s_nls_is_never_better_in_more_noise(by_snr: Heard) -> None:
-    """Nor does quiet help beyond 0 dB: the rest has no wall in the window. In pure noise it is chance."""
+    """Nor does quiet help beyond 0 dB: the rest has no wall in the window. In pure noise it is
+    chance."""
     shares = by_snr.reflector.mean(axis=0)
     assert (np.diff(shares) <= 0.01).all()
     assert shares[0] == pytest.approx(shares[1], abs=0.01)
@@ -173,13 +197,16 @@ def test_half_of_the_paper_set_are_reflectors(on_grid: Heard) -> None:
 
 
 def test_a_third_of_the_planar_set_are_reflectors() -> None:
-    """Planning: about 36 %. Interval by bootstrap over the 221 positions, which are heard nine times each."""
+    """Planning: about 36 %. Interval by bootstrap over the 221 positions, which are heard nine
+    times each."""
     plan = with_one_ear(planned("paper_planar"))
     heard = hear(plan, range(len(plan)))
     weights = stats.cluster_weights(heard.group, resamples=400)
     reflector = heard.reflector[:, 0].astype(float)
     found = stats.interval(
-        lambda w: reflector.mean() if w is None else w @ reflector / w.sum(axis=-1), weights, level=0.997
+        lambda w: reflector.mean() if w is None else w @ reflector / w.sum(axis=-1),
+        weights,
+        level=0.997,
     )
     assert len(np.unique(heard.group)) == 221
     assert found.low <= 0.36 <= found.high
@@ -192,7 +219,10 @@ def test_a_third_of_the_planar_set_are_reflectors() -> None:
 @pytest.fixture(scope="module")
 def off_grid() -> dict[str, Heard]:
     """Return random positions: in the training room, and in one never trained on."""
-    return {name: hear(with_one_ear(planned(name)), range(400)) for name in ("offgrid_10x8x6", "offgrid_8x6x5")}
+    return {
+        name: hear(with_one_ear(planned(name)), range(400))
+        for name in ("offgrid_10x8x6", "offgrid_8x6x5")
+    }
 
 
 Judge = Callable[[Array], Array]
@@ -214,21 +244,27 @@ def auc(heard: Heard, belief: Array, rows: Array | slice = slice(None)) -> float
     return float(metrics.auc(heard.reflector[rows, 0], belief[rows]))
 
 
-def test_on_the_grid_the_time_alone_tells_reflectors(on_grid: Heard, memory: tuple[Judge, Array]) -> None:
+def test_on_the_grid_the_time_alone_tells_reflectors(
+    on_grid: Heard, memory: tuple[Judge, Array]
+) -> None:
     """Planning: AUC 0.94 at held-out grid points."""
     believe, held = memory
     assert 0.85 < auc(on_grid, believe(on_grid.toa), held) < 0.97
 
 
 @pytest.mark.parametrize("room", ["offgrid_10x8x6", "offgrid_8x6x5"])
-def test_off_the_grid_it_tells_nothing(off_grid: dict[str, Heard], memory: tuple[Judge, Array], room: str) -> None:
+def test_off_the_grid_it_tells_nothing(
+    off_grid: dict[str, Heard], memory: tuple[Judge, Array], room: str
+) -> None:
     """Planning: 0.47 and 0.48, even in the very room that it was trained in."""
     believe, _ = memory
     assert auc(off_grid[room], believe(off_grid[room].toa)) < 0.6
 
 
 @pytest.mark.parametrize("room", ["offgrid_10x8x6", "offgrid_8x6x5"])
-def test_how_far_the_peak_stands_out_tells_it_everywhere(on_grid: Heard, off_grid: dict[str, Heard], room: str) -> None:
+def test_how_far_the_peak_stands_out_tells_it_everywhere(
+    on_grid: Heard, off_grid: dict[str, Heard], room: str
+) -> None:
     """Planning: 0.92 on the grid, 0.90 and more off it, without any training."""
     here, there = (auc(heard, heard.peak_to_rms[:, 0]) for heard in (on_grid, off_grid[room]))
     assert here == pytest.approx(0.92, abs=0.04)
@@ -265,7 +301,9 @@ def share_on_walls(walked: Walked, localizer: Localizer, snr_db: float) -> float
         found = localizer(Observation(np.stack(samples), scene.probe, scene.array))
         points.append(echo_map(found, [WALK[index] for index in block], array=scene.array).points)
     true = distance_to_outline(np.concatenate(points), outline(ROOM)) <= 0.10
-    return float(true.mean() / attainable(outline(ROOM), np.array([pose.position[:2] for pose in WALK])))
+    return float(
+        true.mean() / attainable(outline(ROOM), np.array([pose.position[:2] for pose in WALK]))
+    )
 
 
 MPDR = {40.0: (0.85, 1.1), 0.0: (0.25, 0.65), -5.0: (0.08, 0.30), -10.0: (0.02, 0.22)}
@@ -276,8 +314,10 @@ GATED = {40.0: (0.95, 1.15), 0.0: (0.93, 1.15), -5.0: (0.85, 1.08), -10.0: (0.38
 def test_the_papers_direction_loses_the_map(walked: Walked, snr_db: float) -> None:
     """Planning, of 66 % attainable: 61, 37, 13, 5 % at 40, 0, -5, -10 dB.
 
-    At 0 dB it depends on the walk: whole-recording MPDR loses a wall fast with its distance (right in 45 % of trials
-    at 1.05 m, 25 % at 1.2 m, 10 % at 1.5 m). Points may be true by luck, so a share may exceed what is attainable.
+    At 0 dB it depends on the walk: whole-recording MPDR loses a wall fast with its distance (right
+        in 45 % of trials
+    at 1.05 m, 25 % at 1.2 m, 10 % at 1.5 m). Points may be true by luck, so a share may exceed what
+    is attainable.
     """
     low, high = MPDR[snr_db]
     assert low <= share_on_walls(walked, Snls(), snr_db) <= high

@@ -1,4 +1,5 @@
-"""A whole world, small enough for tests: labelled sets, classifiers trained on them, walks through a room never seen.
+"""A whole world, small enough for tests: labelled sets, classifiers trained on them, walks through
+a room never seen.
 
 The sets are those that `generate` makes, one shard each and without its processes.
 """
@@ -12,24 +13,30 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from echolearn import config, disk, judge, store, training
-from echolearn.compare import Walk, judge_set, judge_walk
-from echolearn.dataset import FORMAT, Dataset, folder_of, plain
-from echolearn.export import export
-from echolearn.geometry import SearchWindow, circular_array
-from echolearn.localize.gated import Gated
-from echolearn.localize.snls import Snls
-from echolearn.noise.white import White
-from echolearn.plans import GridPlan, Plan, ScatteredPlan
-from echolearn.records import records
-from echolearn.rir.images import Images
-from echolearn.signals import noise_probe
-from echolearn.simulate import Scene
-from echolearn.survey import survey
-from echolearn.tables import Comparison, Contestant
-from echolearn.task import Task
-from echolearn.trained import Run, load_runs
-from echolearn.types import Room
+from echolearn.acoustics.geometry import SearchWindow, circular_array
+from echolearn.acoustics.signals import noise_probe
+from echolearn.acoustics.types import Room
+from echolearn.cli import config
+from echolearn.comparison.compare import Walk, judge_set, judge_walk
+from echolearn.comparison.tables import Comparison, Contestant
+from echolearn.dataset.generate import FORMAT, folder_of
+from echolearn.dataset.labelled_set import Dataset
+from echolearn.dataset.plans import GridPlan, Plan, ScatteredPlan
+from echolearn.dataset.records import records
+from echolearn.evaluation import scoring
+from echolearn.localization.methods.gated import Gated
+from echolearn.localization.methods.snls import Snls
+from echolearn.simulation.noise.white import White
+from echolearn.simulation.rir.images import Images
+from echolearn.simulation.scene import Scene
+from echolearn.simulation.survey import survey
+from echolearn.storage import manifests
+from echolearn.storage.identity import plain
+from echolearn.storage.once import locked
+from echolearn.training.export import export
+from echolearn.training.runs import Run, load_runs
+from echolearn.training.split import Task
+from echolearn.training.train import train as training
 
 HALL = Room((6.0, 5.0, 4.0), 0.25)
 """The room of the walks."""
@@ -38,16 +45,19 @@ WALKS = ("hall_0dB", "hall_-10dB")
 POSES = 36  # more than are heard at a time
 
 CLASSIFIERS: dict[str, dict[str, Any]] = {
-    "threshold_peak": {"_target_": "echolearn.classify.threshold.Threshold", "inputs": ["peak_to_rms"]},
+    "threshold_peak": {
+        "_target_": "echolearn.classifiers.methods.threshold.Threshold",
+        "inputs": ["peak_to_rms"],
+    },
     "svm_pair": {
-        "_target_": "echolearn.classify.svm.Svm",
+        "_target_": "echolearn.classifiers.methods.svm.Svm",
         "inputs": ["toa", "power"],
         "c_grid": [1.0],
         "gamma_grid": [0.1, 1.0],
         "folds": 2,
     },
     "trees_features": {
-        "_target_": "echolearn.classify.trees.Trees",
+        "_target_": "echolearn.classifiers.methods.trees.Trees",
         "inputs": ["peak_to_rms", "second_to_first", "joint", "coherence"],
         "iterations": 30,
         "min_leaf": 5,
@@ -78,7 +88,8 @@ class World:
 
 
 def plans() -> list[Plan]:
-    """Return a grid in one room, positions scattered over many rooms, and some off the grid in the walks' room."""
+    """Return a grid in one room, positions scattered over many rooms, and some off the grid in the
+    walks' room."""
     window = SearchWindow()
     scene = Scene(circular_array(), noise_probe(length=6000), Images(), White())
     loud, places, size = (-25.0, 25.0), Gated(window, 36), HALL.size
@@ -86,16 +97,22 @@ def plans() -> list[Plan]:
     return [
         GridPlan("grid", 1, HALL, 0.8, 1.0, window, scene, places, snr_db=loud),
         ScatteredPlan("scattered", 2, 140, low, high, t60, 1.0, window, scene, places, snr_db=loud),
-        ScatteredPlan("offgrid_hall", 3, 60, size, size, t60, 1.0, window, scene, places, snr_db=loud),
+        ScatteredPlan(
+            "offgrid_hall", 3, 60, size, size, t60, 1.0, window, scene, places, snr_db=loud
+        ),
     ]
 
 
 def write_set(plan: Plan, runs: Path) -> Dataset:
     """Write the set of a plan, and open it."""
     folder = folder_of(plan, runs)
-    store.write_shard(folder, 0, records(plan, range(len(plan))))
+    manifests.write_shard(folder, 0, records(plan, range(len(plan))))
     rows = len(plan) * plan.localizer.echoes
-    store.finish(folder, {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}, [store.shard_name(0)])
+    manifests.finish(
+        folder,
+        {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)},
+        [manifests.shard_name(0)],
+    )
     return Dataset(folder)
 
 
@@ -116,7 +133,12 @@ def make(runs: Path) -> World:
     for walk, snr_db in zip(WALKS, (0.0, -10.0), strict=True):
         survey(name=walk, room=HALL, scene=scene, snr_db=snr_db, poses=POSES, runs=runs)
     localizers = {"gated": Gated(window, 36), "snls": Snls(window, 36)}
-    arguments = {"tested": list(sets), "surveys": list(WALKS), "localizers": localizers, "resamples": 50}
+    arguments = {
+        "tested": list(sets),
+        "surveys": list(WALKS),
+        "localizers": localizers,
+        "resamples": 50,
+    }
     return World(runs, sets, arguments | {"runs": runs})
 
 
@@ -124,7 +146,14 @@ def pack(world: World, classifier: str, runs: Path, **changes: Any) -> Path:
     """Export the first run of a classifier on the scattered set."""
     run = next((world.runs / "train").glob(f"{classifier}-scattered-s0-*"), None)
     scene = plans()[0].scene
-    arguments = {"run": run, "best": None, "array": scene.array, "probe": scene.probe, "resamples": 30, "name": "small"}
+    arguments = {
+        "run": run,
+        "best": None,
+        "array": scene.array,
+        "probe": scene.probe,
+        "resamples": 30,
+        "name": "small",
+    }
     return export(**arguments | {"runs": runs} | changes)
 
 
@@ -133,20 +162,27 @@ def judged(world: World) -> Comparison:
     contestants: dict[Contestant, list[Run]] = defaultdict(list)
     for run in load_runs(world.runs):
         contestants[run.classifier, run.trained_on].append(run)
-    verdicts = [judge_set(contestants, dataset.folder, name, 50) for name, dataset in world.sets.items()]
+    verdicts = [
+        judge_set(contestants, dataset.folder, name, 50) for name, dataset in world.sets.items()
+    ]
     heard = {}
     for walk, (localizer, listen) in product(WALKS, world.arguments["localizers"].items()):
-        task = Walk(world.runs / "survey" / walk, f"{walk}/{localizer}", listen, tested=localizer == "gated")
+        task = Walk(
+            world.runs / "survey" / walk, f"{walk}/{localizer}", listen, tested=localizer == "gated"
+        )
         verdicts.append(judge_walk(contestants, task, 50))
         assert verdicts[-1].heard
         heard[walk, localizer] = verdicts[-1].heard
     rows = [row for verdict in verdicts for row in verdict.rows]
-    tests = judge.correct(row for verdict in verdicts for row in verdict.tests)
+    tests = scoring.correct(row for verdict in verdicts for row in verdict.tests)
     return Comparison(contestants, world.sets, heard, rows, tests)
 
 
-def coming_second(work: Callable[[], Any], path: Path, first: Callable[[], Any], heard: Callable[[], str]) -> Any:
-    """Let `work` come to `path` while another is there, who does `first` and goes; return what comes of it.
+def coming_second(
+    work: Callable[[], Any], path: Path, first: Callable[[], Any], heard: Callable[[], str]
+) -> Any:
+    """Let `work` come to `path` while another is there, who does `first` and goes; return what
+    comes of it.
 
     Args:
         work: what waits.
@@ -155,7 +191,7 @@ def coming_second(work: Callable[[], Any], path: Path, first: Callable[[], Any],
         heard: what has been said on stderr since it was asked last.
     """
     with ThreadPoolExecutor(1) as pool:
-        with disk.alone(path):
+        with locked(path):
             coming, said = pool.submit(work), ""
             while "waiting for another command" not in said and not coming.done():
                 time.sleep(0.01)

@@ -1,19 +1,23 @@
 """Decide which echoes a robot should believe.
 
-A loudspeaker inside a microphone array emits a known noise burst. Estimators turn each recording into a
-time of arrival (TOA) and a direction of arrival (DOA), hence a point on a map; a classifier learns which
-of these points are real reflectors. The method is that of Saqib, Marchegiani and Jensen, "A machine
-learning framework for acoustic reflector mapping"; `docs/paper.md` resolves what the paper leaves open.
+A loudspeaker inside a microphone array emits a known noise burst. Estimators turn each recording
+into a time of arrival (TOA) and a direction of arrival (DOA), hence a point on a map; a classifier
+learns which of these points are real reflectors. The method is that of Saqib, Marchegiani and
+Jensen, "A machine learning framework for acoustic reflector mapping"; `docs/paper.md` resolves what
+the paper leaves open.
 
 Conventions, valid everywhere:
 
 - SI units; a quantity in another unit carries it in its name (`snr_db`, `lag_samples`).
-- Axis letters: B observations, M microphones, N samples, T frames, F frequency bins, A azimuths, L lags,
-  R echoes, W walls, P poses or points, K feature columns. Time is the last axis; "..." are leading batch axes.
-- Azimuth is measured anticlockwise from the robot's heading, elevation from the array's axis (pi/2 is in
-  the array's plane). Rooms span [0, size] and walls are ordered x=0, x=max, y=0, y=max, floor, ceiling.
+- Axis letters: B observations, M microphones, N samples, T frames, F frequency bins, A azimuths, L
+  lags, R echoes, W walls, P poses or points, K feature columns. Time is the last axis; "..." are
+  leading batch axes.
+- Azimuth is measured anticlockwise from the robot's heading, elevation from the array's axis (pi/2
+  is in the array's plane). Rooms span [0, size] and walls are ordered x=0, x=max, y=0, y=max,
+  floor, ceiling.
 - Times of arrival are those at microphone 1, `array.positions[0]`, counted from the emission.
-- The label `reflector` is True for a wall (the paper's class 0), False for a spurious estimate (class 1).
+- The label `reflector` is True for a wall (the paper's class 0), False for a spurious estimate
+  (class 1).
 
 This module imports nothing, so `import echolearn` costs nothing.
 """

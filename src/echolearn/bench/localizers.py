@@ -1,8 +1,10 @@
-"""Localizers: every one in `conf/localizer`, in batches and one observation at a time, beside its equations in loops.
+"""Localizers: every one in `conf/localizer`, in batches and one observation at a time, beside its
+equations in loops.
 
-The peer is `literal`: what the paper prints, loop by loop, for one observation. EM-MC with one echo repeats the same
-search in each iteration; its peer is charged for one. The paper's own times, MATLAB on another machine, are named
-for scale only.
+The peer is `literal`: what the paper prints, loop by loop, for one observation. EM-MC with one echo
+    repeats the same
+search in each iteration; its peer is charged for one. The paper's own times, MATLAB on another
+machine, are named for scale only.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -10,16 +12,16 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from echolearn import literal
-from echolearn.bench import Measurement, Setting, heard, times
-from echolearn.geometry import circular_array
-from echolearn.localize import Localizer
-from echolearn.localize.beam import azimuth_grid
-from echolearn.localize.matched import Matched
-from echolearn.localize.snls import mpdr_spectrum
-from echolearn.progress import track
-from echolearn.timing import Contestant
-from echolearn.types import Array, Observation
+from echolearn.acoustics.geometry import circular_array
+from echolearn.acoustics.types import Array, Observation
+from echolearn.bench import equations as literal
+from echolearn.bench.measurement import Measurement, Setting, heard, times
+from echolearn.localization.beamforming import azimuth_grid
+from echolearn.localization.localizer import Localizer
+from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.methods.snls import mpdr_spectrum
+from echolearn.runtime.progress import track
+from echolearn.runtime.timing import Contestant
 
 STAGE = "localize"
 PAPER = {"peaks": 0.0063, "em": 63.25, "mclam": 60.65, "snls": 10.14}
@@ -29,25 +31,39 @@ Literal = Callable[[Array, Any], object]
 
 
 def localizers(setting: Setting) -> Iterator[Measurement]:
-    """Time every localizer per observation, beside its literal form, and over microphones and azimuths."""
+    """Time every localizer per observation, beside its literal form, and over microphones and
+    azimuths."""
     whole = heard(setting.plan, setting.batch)
     some = min(setting.batch, 16)
-    scenes = {m: replace(setting.plan.scene, array=circular_array(microphones=m)) for m in setting.microphones}
+    scenes = {
+        m: replace(setting.plan.scene, array=circular_array(microphones=m))
+        for m in setting.microphones
+    }
     rings = {m: heard(setting.plan, some, scene) for m, scene in scenes.items()}
     yield from parts(setting, whole)
-    for name, localizer in track(list(setting.localizers.items()), "bench localize", unit="localizers"):
+    for name, localizer in track(
+        list(setting.localizers.items()), "bench localize", unit="localizers"
+    ):
         one = {f"{name}, one at a time": batch(localizer, first(whole, 1))}
-        contestants = {name: batch(localizer, whole)} | one | {f"{name}, literal": loops(localizer, whole)}
+        contestants = (
+            {name: batch(localizer, whole)} | one | {f"{name}, literal": loops(localizer, whole)}
+        )
         laps = setting.race({key: value for key, value in contestants.items() if value})
         yield from times(STAGE, laps, reference=name, parameter="batch", value=setting.batch)
         yield from printed(name, [lap.wall for lap in laps[name]], value=setting.batch)
-        yield from over(setting, name, "microphones", {m: batch(localizer, ring) for m, ring in rings.items()})
-        grids = {a: batch(grid, first(whole, some)) for a, grid in finer(localizer, setting.azimuths).items()}
+        yield from over(
+            setting, name, "microphones", {m: batch(localizer, ring) for m, ring in rings.items()}
+        )
+        grids = {
+            a: batch(grid, first(whole, some))
+            for a, grid in finer(localizer, setting.azimuths).items()
+        }
         yield from over(setting, name, "azimuths", grids)
 
 
 def printed(name: str, own: Sequence[float], *, value: int) -> Iterator[Measurement]:
-    """Yield the time that the paper prints for a localizer, if any, beside the localizer's own laps, s."""
+    """Yield the time that the paper prints for a localizer, if any, beside the localizer's own
+    laps, s."""
     method = name.partition("_")[0]
     if method in PAPER:
         about = (STAGE, f"{name}, as the paper prints", "batch", value, "wall", "s")
@@ -58,16 +74,20 @@ def parts(setting: Setting, whole: Observation) -> Iterator[Measurement]:
     """Time the paper's two searches one by one, per observation, beside their literal forms."""
     window, equations = setting.plan.window, Equations(setting.plan, first(whole, 1))
     searches: dict[str, tuple[Callable[[], object], Callable[[Equations], object]]] = {
-        "S-NLS, time only": (lambda: Matched(whole, window).strongest, earliest),
+        "S-NLS, time only": (lambda: MatchedFilter(whole, window).strongest, earliest),
         "SRP-MPDR, direction only": (lambda: mpdr_spectrum(whole), loudest),
     }
     for name, (search, work) in searches.items():
         own = Contestant(search, units=len(whole.samples))
-        laps = setting.race({name: own, f"{name}, literal": Contestant(partial(work, equations), warm=False)})
+        laps = setting.race(
+            {name: own, f"{name}, literal": Contestant(partial(work, equations), warm=False)}
+        )
         yield from times(STAGE, laps, reference=name, parameter="batch", value=setting.batch)
 
 
-def over(setting: Setting, name: str, parameter: str, contestants: dict[int, Contestant]) -> Iterator[Measurement]:
+def over(
+    setting: Setting, name: str, parameter: str, contestants: dict[int, Contestant]
+) -> Iterator[Measurement]:
     """Time a localizer at several values of a parameter, in turns."""
     for value, laps in setting.race({str(key): one for key, one in contestants.items()}).items():
         yield from times(STAGE, {name: laps}, parameter=parameter, value=int(value))
@@ -85,7 +105,11 @@ def first(observation: Observation, count: int) -> Observation:
 
 def finer(localizer: Any, azimuths: Sequence[int]) -> dict[int, Localizer]:
     """Return a localizer on several azimuth grids, if it has one."""
-    return {a: replace(localizer, azimuths=a) for a in azimuths} if hasattr(localizer, "azimuths") else {}
+    return (
+        {a: replace(localizer, azimuths=a) for a in azimuths}
+        if hasattr(localizer, "azimuths")
+        else {}
+    )
 
 
 def method(localizer: Localizer) -> str:
@@ -102,13 +126,17 @@ def loops(localizer: Localizer, observation: Observation) -> Contestant | None:
 
 
 class Equations:
-    """What the literal functions need to know of a localizer (or whatever has a window) and its one observation."""
+    """What the literal functions need to know of a localizer (or whatever has a window) and its one
+    observation."""
 
     def __init__(self, localizer: Any, observation: Observation) -> None:
         rate, self.loading = observation.probe.sample_rate, getattr(localizer, "loading", 0.0)
         limits = localizer.window.lags(observation.array, rate, observation.speed_of_sound)
         self.recording, self.burst = observation.samples[0], observation.probe.samples
-        self.positions, self.azimuths = observation.array.positions, azimuth_grid(getattr(localizer, "azimuths", 180))
+        self.positions, self.azimuths = (
+            observation.array.positions,
+            azimuth_grid(getattr(localizer, "azimuths", 180)),
+        )
         self.rate, self.lags = rate, dict(zip(("first", "last"), limits, strict=True))
         self.microphones = (self.recording, self.burst, self.positions, self.azimuths)
 

@@ -1,8 +1,8 @@
 """Trained runs: seconds of training, and of their exported models per observation.
 
-Inference is that of onnxruntime on one thread, one row at a time as on a robot and 256 at a time as in a comparison;
-its peer is the `onnx` package's own evaluator, which computes the same graph node by node in NumPy. Rows are of the
-set that a run was trained on.
+Inference is that of onnxruntime on one thread, one row at a time as on a robot and 256 at a time as
+in a comparison; its peer is the `onnx` package's own evaluator, which computes the same graph node
+by node in NumPy. Rows are of the set that a run was trained on.
 """
 
 import sys
@@ -12,15 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from echolearn import disk, store
-from echolearn.bench import Measurement, Setting, times
-from echolearn.classify.inputs import COVARIANCE, view_of
-from echolearn.dataset import Dataset
-from echolearn.progress import track
-from echolearn.timing import Contestant, race
-from echolearn.trained import Run
-from echolearn.training import load_scorer
-from echolearn.types import Array
+from echolearn.acoustics.types import Array
+from echolearn.bench.measurement import Measurement, Setting, times
+from echolearn.classifiers.inputs import COVARIANCE, view_of
+from echolearn.dataset.labelled_set import Dataset
+from echolearn.runtime.progress import track
+from echolearn.runtime.timing import Contestant, race
+from echolearn.storage import files, manifests
+from echolearn.storage.identity import digest
+from echolearn.training.runs import Run
+from echolearn.training.train import load_scorer
 
 ROWS = 256
 EVALUATOR = "NumPy"
@@ -31,16 +32,18 @@ BRIEF = 0.5
 
 def finished(setting: Setting) -> list[Run]:
     """Return the finished runs; says so if there are none."""
-    folders = sorted(path.parent for path in (setting.runs / "train").glob(f"*/{store.METRICS}"))
+    folders = sorted(
+        path.parent for path in (setting.runs / "train").glob(f"*/{manifests.METRICS}")
+    )
     if not folders:
         print(f"bench: no trained runs under {setting.runs / 'train'}", file=sys.stderr, flush=True)
-    return [Run(folder, store.verify(folder)) for folder in folders]
+    return [Run(folder, manifests.verify(folder)) for folder in folders]
 
 
 def training(setting: Setting) -> Iterator[Measurement]:
     """Return how long each run took to be fitted and in all, by its own record."""
     for run in finished(setting):
-        spent = disk.load_json(run.folder / "timing.json")
+        spent = files.load_json(run.folder / "timing.json")
         for measure in ("fit", "total"):
             about = ("train", run.identity, "rows", run.metrics["rows"]["train"], measure, "s")
             yield Measurement(*about, [spent[measure]], group=run.classifier)
@@ -49,16 +52,23 @@ def training(setting: Setting) -> Iterator[Measurement]:
 def inference(setting: Setting) -> Iterator[Measurement]:
     """Time each run's model per observation, one row at a time and many."""
     sets: dict[str, Dataset] = {}
-    for folder in sorted((setting.runs / "data").glob(f"*/{store.MANIFEST}")):
-        digest = disk.digest(store.load_manifest(folder.parent)["files"])
+    for folder in sorted((setting.runs / "data").glob(f"*/{manifests.MANIFEST}")):
+        digest = digest(manifests.load_manifest(folder.parent)["files"])
         sets[digest] = Dataset(folder.parent)
     for run in track(finished(setting), "bench models", unit="runs"):
         if run.data_digest not in sets:
-            print(f"bench models: the set of {run.identity} is gone; left out", file=sys.stderr, flush=True)
+            print(
+                f"bench models: the set of {run.identity} is gone; left out",
+                file=sys.stderr,
+                flush=True,
+            )
             continue
         x, score = inputs_of(run, sets[run.data_digest]), load_scorer(run.folder)
         for rows in (1, len(x)):
-            contestants = {f"{run.identity}, {RUNTIME}": score, f"{run.identity}, {EVALUATOR}": evaluator(run.folder)}
+            contestants = {
+                f"{run.identity}, {RUNTIME}": score,
+                f"{run.identity}, {EVALUATOR}": evaluator(run.folder),
+            }
             yield from raced(contestants, x[:rows], setting, group=run.classifier)
 
 
@@ -66,9 +76,14 @@ def raced(
     contestants: dict[str, Callable[[Array], Any]], x: Array, setting: Setting, *, group: str
 ) -> Iterator[Measurement]:
     """Time functions of the same rows per row, in turns; the first is the reference."""
-    asked = {name: Contestant(lambda score=score: score(x), units=len(x)) for name, score in contestants.items()}  # type: ignore[misc]
+    asked = {
+        name: Contestant(lambda score=score: score(x), units=len(x))
+        for name, score in contestants.items()
+    }  # type: ignore[misc]
     laps = race(asked, laps=setting.repetitions, seconds=min(BRIEF, setting.seconds))
-    yield from times("models", laps, reference=next(iter(laps)), parameter="batch", value=len(x), group=group)
+    yield from times(
+        "models", laps, reference=next(iter(laps)), parameter="batch", value=len(x), group=group
+    )
 
 
 def inputs_of(run: Run, dataset: Dataset) -> Array:

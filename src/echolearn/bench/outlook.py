@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import Any
 
-from echolearn.bench import Measurement
+from echolearn.bench.measurement import Measurement
 from echolearn.bench.page import describe, plain, table
-from echolearn.types import BadValue
+from echolearn.checks import BadValue
 
 ROWS = 10_000_000
 NODE_CORES = 32
@@ -49,11 +49,20 @@ def outlook(found: Sequence[Measurement], machine: Mapping[str, Any], *, workers
         ("files", f"{ceil(ROWS / SHARD_ROWS)} shards of `plan.shard_rows={SHARD_ROWS}`"),
     ]
     nodes = [
-        (str(hours), str(ceil(core_hours / hours)), str(ceil(core_hours / hours / NODE_CORES)), writing(size, hours))
+        (
+            str(hours),
+            str(ceil(core_hours / hours)),
+            str(ceil(core_hours / hours / NODE_CORES)),
+            writing(size, hours),
+        )
         for hours in HOURS
     ]
     head = ("done in hours", "cores", f"nodes of {NODE_CORES} cores", "written, MB/s")
-    source = f"From {largest:,} rows measured with {workers} processes. {describe(machine)}".replace(",", " ", 1)
+    source = (
+        f"From {largest:,} rows measured with {workers} processes. {describe(machine)}".replace(
+            ",", " ", 1
+        )
+    )
     return "\n\n".join([source, table(("ten million observations", ""), facts), table(head, nodes)])
 
 

@@ -1,7 +1,10 @@
-"""Run the benchmarks and write what they found: `bench.csv`, all repetitions, machine, tables, figures.
+"""Run the benchmarks and write what they found: `bench.csv`, all repetitions, machine, tables,
+figures.
 
-Stages run in one process that computes with one thread; one that fails stops no other. Nothing is kept from an earlier
-benchmark: what stands side by side was measured in one run, on one machine. Results are written when all are done.
+Stages run in one process that computes with one thread; one that fails stops no other. Nothing is
+kept from an earlier
+benchmark: what stands side by side was measured in one run, on one machine. Results are written
+    when all are done.
 """
 
 import os
@@ -15,9 +18,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from echolearn import disk, report, store
-from echolearn.bench import COLUMNS, Measurement, Setting
 from echolearn.bench.localizers import localizers
+from echolearn.bench.measurement import COLUMNS, Measurement, Setting
 from echolearn.bench.models import inference, training
 from echolearn.bench.outlook import outlook
 from echolearn.bench.page import growth, page
@@ -26,13 +28,15 @@ from echolearn.bench.robot import robot
 from echolearn.bench.sets import generating, growing
 from echolearn.bench.start import start
 from echolearn.bench.steps import steps
-from echolearn.compare import to_csv
-from echolearn.config import suggest
-from echolearn.localize import Localizer
-from echolearn.markers import Markers, around, write_between
-from echolearn.plans import Plan, ScatteredPlan
-from echolearn.processes import processes
-from echolearn.types import check, check_list
+from echolearn.checks import check, check_list, suggest
+from echolearn.comparison import report
+from echolearn.comparison.compare import to_csv
+from echolearn.dataset.plans import Plan, ScatteredPlan
+from echolearn.localization.localizer import Localizer
+from echolearn.runtime.processes import processes
+from echolearn.storage import manifests
+from echolearn.storage.files import clean, one_line, readable, write_atomic
+from echolearn.storage.marked_page import Markers, around, write_between
 
 STAGES: dict[str, Callable[[Setting], Iterable[Measurement]]] = {
     "rir": responses,
@@ -79,7 +83,8 @@ def bench(
         plan, growing, localizers, runs, often: see `Setting`.
         stages: which ones, by name.
         readme: a file whose table of times, between markers, is replaced; None leaves it.
-        scaling: a file whose plan of a large set, between markers, is replaced; needs the stage `rows`.
+        scaling: a file whose plan of a large set, between markers, is replaced; needs the stage
+            `rows`.
         command: what does it again, for the manifest.
 
     Returns:
@@ -90,14 +95,32 @@ def bench(
         StagesFailed: some did; what the others found is in the folder.
     """
     check_list("stages", stages)
-    check(len(stages) > 0, "stages", "[]", allowed=f"some of {', '.join(STAGES)}", hint="a benchmark replaces the last")
+    check(
+        len(stages) > 0,
+        "stages",
+        "[]",
+        allowed=f"some of {', '.join(STAGES)}",
+        hint="a benchmark replaces the last",
+    )
     for stage in stages:
-        check(stage in STAGES, "stages", stage, allowed=f"of {', '.join(STAGES)}", hint=suggest(str(stage), [*STAGES]))
+        check(
+            stage in STAGES,
+            "stages",
+            stage,
+            allowed=f"of {', '.join(STAGES)}",
+            hint=suggest(str(stage), [*STAGES]),
+        )
     for path, markers in ((readme, README), (scaling, SCALING)):
         if path is not None:
             around(path, markers)
     needed = scaling is None or "rows" in stages
-    check(needed, "stages", list(stages), allowed="with rows among them", hint="scaling= is written from it")
+    check(
+        needed,
+        "stages",
+        list(stages),
+        allowed="with rows among them",
+        hint="scaling= is written from it",
+    )
     folder, before = Path(runs) / "bench", os.getloadavg()[0]
     setting = Setting(plan, growing, localizers, Path(runs), folder, **often)
     for killed in folder.glob(f"{SCRATCH}*"):
@@ -107,10 +130,12 @@ def bench(
         wanted = [stage for stage in STAGES if stage in stages]
         found, failed = measured(wanted, replace(setting, place=Path(place)))
     machine = describe(load_before=before)
-    write(folder, results(found, machine), store.made_by(command))
+    write(folder, results(found, machine), manifests.made_by(command))
     sys.stdout.write(f"{page(found, machine)}\n\n")
     if failed:
-        raise StagesFailed(f"{', '.join(failed)}: failed; no page was changed, {folder} holds the others")
+        raise StagesFailed(
+            f"{', '.join(failed)}: failed; no page was changed, {folder} holds the others"
+        )
     if readme is not None:
         write_between(readme, page(found, machine, brief=True), README)
     if scaling is not None:
@@ -119,7 +144,8 @@ def bench(
 
 
 def measured(stages: Sequence[str], setting: Setting) -> tuple[list[Measurement], list[str]]:
-    """Return what the stages find, in a process with one thread, and those that failed, each after a line about it."""
+    """Return what the stages find, in a process with one thread, and those that failed, each after
+    a line about it."""
     found, failed = list[Measurement](), list[str]()
     with processes(1) as pool:
         for stage in stages:
@@ -132,7 +158,11 @@ def measured(stages: Sequence[str], setting: Setting) -> tuple[list[Measurement]
                 raise
             except Exception as error:
                 failed.append(stage)
-                print(f"bench {stage}: {type(error).__name__}: {disk.one_line(error)}", file=sys.stderr, flush=True)
+                print(
+                    f"bench {stage}: {type(error).__name__}: {one_line(error)}",
+                    file=sys.stderr,
+                    flush=True,
+                )
     return found, failed
 
 
@@ -148,24 +178,27 @@ def results(found: Sequence[Measurement], machine: Mapping[str, Any]) -> dict[st
         "bench.md": ("\n\n".join(parts) + "\n").encode(),
         "bench.csv": to_csv((exact(m.row()) for m in found), COLUMNS),
         "repetitions.csv": every(found),
-        "machine.json": disk.readable(machine),
+        "machine.json": readable(machine),
     }
 
 
 def write(folder: Path, files: Mapping[str, bytes], about: Mapping[str, str]) -> None:
     """Write the results in place of older ones, and then their manifest."""
-    disk.clean(folder)
+    clean(folder)
     for old in (folder / "figures").glob("*.svg"):
         old.unlink()
     for name, content in files.items():
-        disk.write_atomic(folder / name, content)
-    store.finish(folder, {"kind": "benchmark", **about}, files)
+        write_atomic(folder / name, content)
+    manifests.finish(folder, {"kind": "benchmark", **about}, files)
 
 
 def every(found: Iterable[Measurement]) -> bytes:
     """Return `repetitions.csv`: one row for each repetition of each measurement."""
     rows = [
-        exact({key: getattr(m, key) for key in REPETITIONS[:6]} | {"repetition": number, "result": value})
+        exact(
+            {key: getattr(m, key) for key in REPETITIONS[:6]}
+            | {"repetition": number, "result": value}
+        )
         for m in found
         for number, value in enumerate(m.repetitions)
     ]
@@ -173,7 +206,8 @@ def every(found: Iterable[Measurement]) -> bytes:
 
 
 def exact(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row with seven significant digits of each figure, as microseconds need; nothing for NaN."""
+    """Return a row with seven significant digits of each figure, as microseconds need; nothing for
+    NaN."""
     floats = {key: value for key, value in row.items() if isinstance(value, float)}
     return {**row, **{key: "" if isnan(value) else f"{value:.7g}" for key, value in floats.items()}}
 
@@ -182,10 +216,18 @@ def describe(*, load_before: float) -> dict[str, Any]:
     """Return the machine, what it can use of it, and how busy it was."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     busy = {"load_before": round(load_before, 2), "load_after": round(os.getloadavg()[0], 2)}
-    return report.machine() | busy | {"memory_gib": round(memory, 1), "usable_cores": len(os.sched_getaffinity(0))}
+    return (
+        report.machine()
+        | busy
+        | {"memory_gib": round(memory, 1), "usable_cores": len(os.sched_getaffinity(0))}
+    )
 
 
-AXES = {"t60": "reverberation time / s", "microphones": "microphones", "azimuths": "directions of the grid"}
+AXES = {
+    "t60": "reverberation time / s",
+    "microphones": "microphones",
+    "azimuths": "directions of the grid",
+}
 HEIGHTS = {
     "rir": "all responses of a position / s",
     "localize": "one observation / s",
@@ -196,8 +238,9 @@ HEIGHTS = {
 
 
 def figures_of(found: Sequence[Measurement]) -> dict[str, bytes]:
-    """Return the figures of growth, by file name: times of responses and localizers, rows per second, memory."""
-    from echolearn import figures
+    """Return the figures of growth, by file name: times of responses and localizers, rows per
+    second, memory."""
+    from echolearn.comparison import figures
 
     drawn: dict[str, Panels] = {}
     for line in growth(found):
@@ -206,13 +249,19 @@ def figures_of(found: Sequence[Measurement]) -> dict[str, bytes]:
     for m in found:
         if m.stage == "rows" and m.measure not in ("wall", "size"):
             kind, _, label = m.measure.rpartition(", ")
-            line = [other for other in found if (other.stage, other.measure) == (m.stage, m.measure)]
+            line = [
+                other for other in found if (other.stage, other.measure) == (m.stage, m.measure)
+            ]
             unit = 2**20 if kind else 1
-            scaled = [(x, middle / unit, low / unit, high / unit) for x, middle, low, high in points(line)]
+            scaled = [
+                (x, middle / unit, low / unit, high / unit) for x, middle, low, high in points(line)
+            ]
             named = label if kind else {"rate": "whole call", "steady rate": "once started"}[label]
             drawn.setdefault(kind or "rows", {}).setdefault("rows generated", {})[named] = scaled
     texts = {
-        kind: figures.powers(panels, ylabel=HEIGHTS.get(kind, f"{kind} / s"), level=kind in ("rows", "memory"))
+        kind: figures.powers(
+            panels, ylabel=HEIGHTS.get(kind, f"{kind} / s"), level=kind in ("rows", "memory")
+        )
         for kind, panels in drawn.items()
     }
     return {f"figures/{name}.svg": text.encode() for name, text in texts.items()}

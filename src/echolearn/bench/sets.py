@@ -1,13 +1,15 @@
-"""Whole sets: `generate` from nothing to the manifest beside the responses alone of pyroomacoustics; growing sets.
+"""Whole sets: `generate` from nothing to the manifest beside the responses alone of
+pyroomacoustics; growing sets.
 
-Every time is that of the whole call, with the start of its processes, which pyroomacoustics is not charged for: its
-processes wait, warm, for the positions. It computes an even choice of them; its time for all is scaled up by their
-number.
+Every time is that of the whole call, with the start of its processes, which pyroomacoustics is not
+    charged for: its
+processes wait, warm, for the positions. It computes an even choice of them; its time for all is
+scaled up by their number.
 
-Rows per second are those of the whole call (`rate`), and of the time after every process has written its first shard
-(`steady rate`), by the times of the files: median and quartiles over up to `PARTS` parts of the shards. Memory is the
-high-water mark of the resident set, of the process that directs and of the largest of those that work; none of them did
-anything before.
+Rows per second are those of the whole call (`rate`), and of the time after every process has
+written its first shard (`steady rate`), by the times of the files: median and quartiles over up to
+`PARTS` parts of the shards. Memory is the high-water mark of the resident set, of the process that
+directs and of the largest of those that work; none of them did anything before.
 """
 
 import re
@@ -24,26 +26,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from echolearn import dataset
-from echolearn.bench import Measurement, Setting, times
-from echolearn.engine.processes import Processes
-from echolearn.geometry import microphone_positions
-from echolearn.plans import Plan, Spot
-from echolearn.processes import processes
-from echolearn.progress import track
-from echolearn.rir.pyroom import Pyroom
-from echolearn.simulate import Scene
-from echolearn.timing import Contestant, race
+from echolearn.acoustics.geometry import microphone_positions
+from echolearn.bench.measurement import Measurement, Setting, times
+from echolearn.dataset.generate import generate
+from echolearn.dataset.plans import Plan, Spot
+from echolearn.runtime.engines.processes import Processes
+from echolearn.runtime.processes import processes
+from echolearn.runtime.progress import track
+from echolearn.runtime.timing import Contestant, race
+from echolearn.simulation.rir.pyroom import Pyroom
+from echolearn.simulation.scene import Scene
 
 PARTS = 10
 PEER = "pyroomacoustics, responses alone"
 
 
 def generating(setting: Setting) -> Iterator[Measurement]:
-    """Time a whole set with one and with several processes, beside its responses by pyroomacoustics."""
+    """Time a whole set with one and with several processes, beside its responses by
+    pyroomacoustics."""
     plan, count = setting.plan, setting.workers
     spots = places(plan)
-    some = [spots[i] for i in sorted(set(np.linspace(0, len(spots) - 1, setting.positions).astype(int)))]
+    some = [
+        spots[i] for i in sorted(set(np.linspace(0, len(spots) - 1, setting.positions).astype(int)))
+    ]
     name = processes_of(count)
     plan.scene.received(some[0].room, some[0].pose)  # compiled once, for all processes to come
     with processes(count) as pool:
@@ -51,12 +56,16 @@ def generating(setting: Setting) -> Iterator[Measurement]:
         respond(some[:1] * count)
         contestants = {
             name: generator(setting, count),
-            f"{PEER}, {name}": Contestant(lambda: respond(some), units=len(some) / len(spots), warm=False),
+            f"{PEER}, {name}": Contestant(
+                lambda: respond(some), units=len(some) / len(spots), warm=False
+            ),
         }
         contestants |= {processes_of(1): generator(setting, 1)} if count > 1 else {}
         laps = race(contestants, laps=setting.long_repetitions)
     for found in times("generate", laps, reference=name, parameter="rows", value=len(plan)):
-        if not (found.variant.startswith(PEER) and found.measure == "cpu"):  # its processes live on, their time unknown
+        if not (
+            found.variant.startswith(PEER) and found.measure == "cpu"
+        ):  # its processes live on, their time unknown
             yield found
 
 
@@ -76,22 +85,29 @@ def generator(setting: Setting, workers: int) -> Contestant:
 
     def work() -> None:
         with TemporaryDirectory(dir=setting.place) as place:
-            dataset.generate(setting.plan, runs=Path(place), engine=Processes(workers))
+            generate(setting.plan, runs=Path(place), engine=Processes(workers))
 
     return Contestant(work, warm=False)
 
 
-def responding(pool: ProcessPoolExecutor, scene: Scene, some: list[Spot]) -> Callable[[list[Spot]], float]:
+def responding(
+    pool: ProcessPoolExecutor, scene: Scene, some: list[Spot]
+) -> Callable[[list[Spot]], float]:
     """Return a function that lets the processes compute responses by pyroomacoustics at some spots."""
     chunk = max(1, len(some) // 16)
-    return lambda spots: sum(pool.map(partial(respond, scene), spots, chunksize=chunk if len(spots) > 4 else 1))
+    return lambda spots: sum(
+        pool.map(partial(respond, scene), spots, chunksize=chunk if len(spots) > 4 else 1)
+    )
 
 
 def respond(scene: Scene, spot: Spot) -> float:
-    """Compute the responses at one spot by pyroomacoustics; return their sum, lest their transport be timed."""
+    """Compute the responses at one spot by pyroomacoustics; return their sum, lest their transport
+    be timed."""
     at = microphone_positions(scene.array, spot.pose)
     rate, speed = scene.probe.sample_rate, scene.speed_of_sound
-    return float(Pyroom()(spot.room, spot.pose.position, at, sample_rate=rate, speed_of_sound=speed).sum())
+    return float(
+        Pyroom()(spot.room, spot.pose.position, at, sample_rate=rate, speed_of_sound=speed).sum()
+    )
 
 
 class Made(NamedTuple):
@@ -112,7 +128,8 @@ class Made(NamedTuple):
 
 
 def growing(setting: Setting) -> Iterator[Measurement]:
-    """Time the growing set at each number of rows, in fresh processes, with its memory and its size."""
+    """Time the growing set at each number of rows, in fresh processes, with its memory and its
+    size."""
     for rows in track(setting.rows, "bench rows", unit="sizes"):
         with processes(1) as pool:
             plan = replace(setting.growing, rows=rows)
@@ -127,10 +144,11 @@ def growing(setting: Setting) -> Iterator[Measurement]:
 
 
 def make(plan: Plan, place: Path, workers: int) -> Made:
-    """Make a set in a folder of its own, and remove it; memory is that of this process and those it starts."""
+    """Make a set in a folder of its own, and remove it; memory is that of this process and those it
+    starts."""
     with TemporaryDirectory(dir=place) as folder:
         began = time.perf_counter()
-        made = dataset.generate(plan, runs=Path(folder), engine=Processes(workers))
+        made = generate(plan, runs=Path(folder), engine=Processes(workers))
         seconds = time.perf_counter() - began
         size = sum(path.stat().st_size for path in made.iterdir())
         written = [path.stat().st_mtime_ns * 1e-9 for path in sorted(made.glob("shard-*.npy"))]
@@ -140,9 +158,11 @@ def make(plan: Plan, place: Path, workers: int) -> Made:
 
 
 def steady_rates(written: Sequence[float], shard_rows: int, *, workers: int) -> list[float]:
-    """Return rows per second once every process has written a shard, in up to `PARTS` parts; NaN for too few shards.
+    """Return rows per second once every process has written a shard, in up to `PARTS` parts; NaN
+    for too few shards.
 
-    Processes that began together end together, so time is looked at after every `workers` shards only.
+    Processes that began together end together, so time is looked at after every `workers` shards
+    only.
 
     Args:
         written: when each whole shard was, in s, in any order.
@@ -151,12 +171,15 @@ def steady_rates(written: Sequence[float], shard_rows: int, *, workers: int) -> 
     """
     marks = sorted(written)[workers - 1 :: workers]
     parts = max(1, min(PARTS, (len(marks) - 1) // 4))
-    ends = sorted(set(np.linspace(0, len(marks) - 1, parts + 1).astype(int).tolist())) if marks else []
+    ends = (
+        sorted(set(np.linspace(0, len(marks) - 1, parts + 1).astype(int).tolist())) if marks else []
+    )
     rates = [(b - a) * workers * shard_rows / (marks[b] - marks[a]) for a, b in pairwise(ends)]
     return rates or [float("nan")]
 
 
 def resident_peak() -> int:
-    """Return the high-water mark of this process's resident set, in bytes; not that of what it was forked from."""
+    """Return the high-water mark of this process's resident set, in bytes; not that of what it was
+    forked from."""
     [kilobytes] = re.findall(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
     return int(kilobytes) * 1024

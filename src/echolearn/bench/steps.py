@@ -1,6 +1,8 @@
-"""Steps between a plan and its records, per observation, on one thread: which of them takes the time.
+"""Steps between a plan and its records, per observation, on one thread: which of them takes the
+time.
 
-Peers are what SciPy and NumPy offer for the same: `fftconvolve`, `correlate`, `stft`, `einsum`, `linalg.inv`, `save`.
+Peers are what SciPy and NumPy offer for the same: `fftconvolve`, `correlate`, `stft`, `einsum`,
+    `linalg.inv`, `save`.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,17 +13,18 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy import signal
 
-from echolearn import features, signals, store
-from echolearn.bench import Measurement, Setting, heard, times
-from echolearn.localize import beam
-from echolearn.localize.matched import Matched
-from echolearn.localize.snls import recording_covariance, spectrum_of
-from echolearn.plans import Plan
-from echolearn.progress import track
-from echolearn.records import records
-from echolearn.simulate import add_noise
-from echolearn.timing import Contestant
-from echolearn.types import Array, Observation
+from echolearn.acoustics import signals
+from echolearn.acoustics.types import Array, Observation
+from echolearn.bench.measurement import Measurement, Setting, heard, times
+from echolearn.dataset.plans import Plan
+from echolearn.dataset.records import records
+from echolearn.localization import beamforming, features
+from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.methods.snls import recording_covariance, spectrum_of
+from echolearn.runtime.progress import track
+from echolearn.runtime.timing import Contestant
+from echolearn.simulation.observe import add_noise
+from echolearn.storage import manifests
 
 STAGE = "steps"
 Step = tuple[str, Callable[[], object], Callable[[], object] | None]
@@ -32,7 +35,9 @@ def steps(setting: Setting) -> Iterator[Measurement]:
     plan, count = setting.plan, min(setting.batch, len(setting.plan))
     observation = heard(plan, count)
     with TemporaryDirectory(dir=setting.place) as place:
-        for name, own, other in track([*simulating(plan, count), *estimating(plan, observation, Path(place))], "bench"):
+        for name, own, other in track(
+            [*simulating(plan, count), *estimating(plan, observation, Path(place))], "bench"
+        ):
             both = {name: own} | ({f"{name}, SciPy or NumPy": other} if other else {})
             laps = setting.race({key: Contestant(work, units=count) for key, work in both.items()})
             yield from times(STAGE, laps, reference=name if other else "")
@@ -42,12 +47,20 @@ def simulating(plan: Plan, count: int) -> Iterator[Step]:
     """Yield what makes `count` recordings."""
     rng, scene = np.random.default_rng(0), plan.scene
     spot = plan.spot(0, rng)
-    received, burst, length = scene.received(spot.room, spot.pose), scene.probe.samples, scene.probe.length
-    response = rng.standard_normal((count, len(scene.array), round(spot.room.t60 * scene.probe.sample_rate)))
+    received, burst, length = (
+        scene.received(spot.room, spot.pose),
+        scene.probe.samples,
+        scene.probe.length,
+    )
+    response = rng.standard_normal(
+        (count, len(scene.array), round(spot.room.t60 * scene.probe.sample_rate))
+    )
 
     def noisy() -> None:
         for _ in range(count):
-            add_noise(received, scene, snr_db=spot.snr_db, sdnr_db=spot.sdnr_db, gain_db=0.0, rng=rng)
+            add_noise(
+                received, scene, snr_db=spot.snr_db, sdnr_db=spot.sdnr_db, gain_db=0.0, rng=rng
+            )
 
     yield (
         "convolution",
@@ -63,7 +76,7 @@ def estimating(plan: Plan, observation: Observation, place: Path) -> Iterator[St
     single, echoes = samples.astype(np.float32), plan.localizer(observation)
     first, last = plan.window.lags(observation.array, probe.sample_rate, observation.speed_of_sound)
     whole = recording_covariance(observation)
-    loaded, spectra = beam.regularize(whole, 0.1), signals.stft(single)
+    loaded, spectra = beamforming.regularize(whole, 0.1), signals.stft(single)
     table = records(plan, range(min(count, len(plan))))
     yield (
         "matched filter",
@@ -78,18 +91,18 @@ def estimating(plan: Plan, observation: Observation, place: Path) -> Iterator[St
     )
     yield (
         "covariance",
-        lambda: beam.covariance(spectra),
+        lambda: beamforming.covariance(spectra),
         lambda: np.einsum("bmft,bnft->bfmn", spectra, spectra.conj()) / spectra.shape[-1],
     )
-    yield "inverse", lambda: beam.invert(loaded), lambda: np.linalg.inv(loaded)
+    yield "inverse", lambda: beamforming.invert(loaded), lambda: np.linalg.inv(loaded)
     yield "MPDR spectrum", lambda: spectrum_of(whole, observation), None
     yield "all features", lambda: features.describe(fresh(plan, observation), echoes), None
-    yield "writing", lambda: store.write_shard(place, 0, table), lambda: unproved(place, table)
+    yield "writing", lambda: manifests.write_shard(place, 0, table), lambda: unproved(place, table)
 
 
-def fresh(plan: Plan, observation: Observation) -> Matched:
+def fresh(plan: Plan, observation: Observation) -> MatchedFilter:
     """Return a matched-filter view that has computed nothing yet."""
-    return Matched(observation, plan.window)
+    return MatchedFilter(observation, plan.window)
 
 
 def unproved(place: Path, table: Array) -> None:

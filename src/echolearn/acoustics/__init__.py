@@ -1,0 +1,1 @@
+"""Nouns, geometry and signals: numpy and scipy alone."""

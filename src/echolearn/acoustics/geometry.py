@@ -1,0 +1,246 @@
+"""Geometry of echoes: directions, far-field delays, first-order images, wall points.
+
+The array's loudspeaker and the room's mirror sources make everything here a closed form. An echo
+*from* direction u reaches microphone m at position p_m earlier than the loudspeaker's place by p_m
+. u / c, so
+
+    delay_m = -(p_m . u) / c = -(R/c) sin(psi) cos(theta_m - phi)        for a ring,
+
+and the paper's eta_m (Eq. 3) is delay_m - delay_1, relative to microphone 1.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from echolearn.acoustics.types import SPEED_OF_SOUND, Array, MicArray, Pose, Room, Truth
+from echolearn.checks import BadValue, check, check_number, check_whole
+
+NORMALS = np.array(
+    [[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]], dtype=float
+)
+"""Outward normals of the six walls, in the project's wall order."""
+
+
+def circular_array(*, microphones: int = 6, radius: float = 0.2, offset: float = 0.0) -> MicArray:
+    """Place a uniform ring of microphones around the loudspeaker (paper, Eqs. 4 and 5).
+
+    Args:
+        microphones: M.
+        radius: in m.
+        offset: angle of microphone 1 from the robot's heading, in rad (the authors used pi/2).
+
+    Raises:
+        BadValue: fewer than 2 microphones, or a radius outside 0.01 to 2 m.
+    """
+    check_whole("array.microphones", microphones, low=2, high=256)
+    check_number("array.radius", radius, low=0.01, high=2.0, unit="m")
+    check_number("array.offset", offset, low=-10.0, high=10.0, unit="rad")
+    angle = offset + 2 * np.pi * np.arange(microphones) / microphones
+    return MicArray(
+        radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+    )
+
+
+def direction(azimuth: Array | float, elevation: Array | float) -> Array:
+    """Return unit vectors, shape (..., 3), for azimuth and elevation from the axis, both in rad."""
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    return np.stack(
+        [
+            np.sin(elevation) * np.cos(azimuth),
+            np.sin(elevation) * np.sin(azimuth),
+            np.cos(elevation),
+        ],
+        axis=-1,
+    )
+
+
+def far_field_delays(
+    array: MicArray, azimuth: Array | float, elevation: Array | float, speed_of_sound: float
+) -> Array:
+    """Return the delays of a plane wave from the given directions, relative to the loudspeaker's
+    place.
+
+    Args:
+        array: M microphones.
+        azimuth, elevation: directions of arrival, broadcast to shape (...), in rad.
+        speed_of_sound: in m/s.
+
+    Returns:
+        Delays in s, shape (..., M).
+    """
+    return -(direction(azimuth, elevation) @ array.positions.T) / speed_of_sound
+
+
+def relative_delays(
+    array: MicArray, azimuth: Array | float, elevation: Array | float, speed_of_sound: float
+) -> Array:
+    """Return eta_m (Eq. 3): far-field delays relative to microphone 1, shape (..., M), in s."""
+    delays = far_field_delays(array, azimuth, elevation, speed_of_sound)
+    return delays - delays[..., :1]
+
+
+def first_order_images(room: Room, position: Array) -> Array:
+    """Return the mirror images of `position` (3,) in the reflecting walls, shape (W, 3), in m."""
+    images = np.repeat(np.asarray(position, dtype=float)[None], 6, axis=0)
+    for wall, axis in enumerate((0, 0, 1, 1, 2, 2)):
+        images[wall, axis] = (0.0 if wall % 2 == 0 else 2.0 * room.size[axis]) - position[axis]
+    return images[np.array(room.walls) > 0]
+
+
+def microphone_positions(array: MicArray, pose: Pose) -> Array:
+    """Return the microphones in the room's frame, shape (M, 3), in m."""
+    cos, sin = math.cos(pose.heading), math.sin(pose.heading)
+    rotation = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    return np.asarray(pose.position) + array.positions @ rotation.T
+
+
+def check_inside(room: Room, array: MicArray, pose: Pose) -> None:
+    """Raise `BadValue` unless the loudspeaker and every microphone lie inside the room."""
+    points = np.vstack([microphone_positions(array, pose), np.asarray(pose.position)[None]])
+    inside = bool(((points > 0) & (points < np.array(room.size))).all())
+    place = "(" + ", ".join(f"{v:g}" for v in pose.position) + ") m"
+    shape = " x ".join(f"{v:g}" for v in room.size)
+    check(
+        inside,
+        "pose.position",
+        place,
+        allowed=f"the whole array (radius {array.radius:g} m) inside the {shape} m room",
+        hint="is the margin to the walls smaller than the array's radius?",
+    )
+
+
+def true_echoes(
+    room: Room, pose: Pose, array: MicArray, speed_of_sound: float = SPEED_OF_SOUND
+) -> Truth:
+    """Return TOA and DOA of each reflecting wall's first-order echo, in the project's wall order."""
+    images = first_order_images(room, pose.position)
+    reference = microphone_positions(array, pose)[0]
+    toward = images - pose.position
+    distance = np.linalg.norm(toward, axis=1)
+    azimuth = np.arctan2(toward[:, 1], toward[:, 0]) - pose.heading
+    return Truth(
+        toa=np.linalg.norm(images - reference, axis=1) / speed_of_sound,
+        azimuth=wrap(azimuth),
+        elevation=np.arccos(toward[:, 2] / distance),
+    )
+
+
+def wrap(angle: Array | float) -> Array:
+    """Return angles in rad wrapped to [-pi, pi)."""
+    return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi
+
+
+def wall_distance(
+    toa: Array,
+    azimuth: Array,
+    elevation: Array,
+    array: MicArray,
+    speed_of_sound: float = SPEED_OF_SOUND,
+) -> Array:
+    """Return the distance D from the loudspeaker to the wall that an echo came from, in m.
+
+    The mirror source lies at 2 D u; its distance to microphone 1 at p is c toa, so
+    4 D^2 - 4 D (p . u) + |p|^2 = (c toa)^2. The far-field form D = (c toa + p . u) / 2 is its limit for
+    large D and up to 5 mm off at 1 m; the authors' code adds p . u without the half, up to 10 cm
+    off.
+
+    Args:
+        toa: at microphone 1, in s, any shape.
+        azimuth, elevation: direction of arrival in the robot's frame, in rad, same shape.
+        array: its first microphone is the reference.
+        speed_of_sound: in m/s.
+    """
+    reference = array.positions[0]
+    along = direction(azimuth, elevation) @ reference
+    square = np.maximum(
+        along**2 - reference @ reference + (speed_of_sound * np.asarray(toa)) ** 2, 0.0
+    )
+    return (along + np.sqrt(square)) / 2.0
+
+
+def wall_points(
+    toa: Array,
+    azimuth: Array,
+    elevation: Array,
+    *,
+    position: Array,
+    heading: Array | float,
+    array: MicArray,
+    speed_of_sound: float = SPEED_OF_SOUND,
+) -> Array:
+    """Return the map points of echoes, shape (..., 2), in m, in the room's frame.
+
+    Args:
+        toa, azimuth, elevation: the echoes, shape (...), robot frame.
+        position: of the loudspeaker, shape (..., 2) or (..., 3), in m.
+        heading: of the robot, shape (...), in rad.
+        array: its first microphone is the reference.
+        speed_of_sound: in m/s.
+    """
+    distance = wall_distance(toa, azimuth, elevation, array, speed_of_sound)
+    toward = direction(np.asarray(azimuth) + heading, elevation)[..., :2]
+    return np.asarray(position)[..., :2] + distance[..., None] * toward
+
+
+def outline(room: Room) -> Array:
+    """Return the corners of the room's floor plan, shape (4, 2), anticlockwise from the origin, in
+    m."""
+    x, y, _ = room.size
+    return np.array([[0.0, 0.0], [x, 0.0], [x, y], [0.0, y]])
+
+
+def distance_to_outline(points: Array, corners: Array) -> Array:
+    """Return the distance of `points` (..., 2) to the nearest edge of the closed polygon `corners`
+    (C, 2), in m."""
+    start, edge = corners, np.roll(corners, -1, axis=0) - corners
+    offset = np.asarray(points)[..., None, :] - start
+    along = np.clip((offset * edge).sum(-1) / (edge**2).sum(-1), 0.0, 1.0)
+    return np.linalg.norm(offset - along[..., None] * edge, axis=-1).min(axis=-1)
+
+
+@dataclass(frozen=True)
+class SearchWindow:
+    """Where an echo may arrive, given the wall distances of interest.
+
+    Attributes:
+        nearest, farthest: wall distances in m (the paper's "1 m to 2 m").
+        rule: "general" holds every wall in that range whatever its direction, [2 nearest - R, 2
+            farthest + R]; "authors" is the published MATLAB, round((2 d - R) fs / c), which clips
+            far walls opposite microphone 1.
+    """
+
+    nearest: float = 1.0
+    farthest: float = 2.0
+    rule: str = "general"
+
+    def __post_init__(self) -> None:
+        check_number("window.nearest", self.nearest, low=0.1, high=100.0, unit="m")
+        check_number("window.farthest", self.farthest, low=0.1, high=100.0, unit="m")
+        allowed = f"below window.farthest={self.farthest} m"
+        check(self.nearest < self.farthest, "window.nearest", f"{self.nearest} m", allowed=allowed)
+        check(
+            self.rule in ("general", "authors"),
+            "window.rule",
+            self.rule,
+            allowed="general or authors",
+        )
+
+    def lags(
+        self, array: MicArray, sample_rate: float, speed_of_sound: float = SPEED_OF_SOUND
+    ) -> tuple[int, int]:
+        """Return the first and last lag of the window, both inclusive, in samples."""
+        scale = sample_rate / speed_of_sound
+        if self.rule == "authors":
+            first, last = (
+                round((2 * d - array.radius) * scale) for d in (self.nearest, self.farthest)
+            )
+        else:
+            first = math.floor((2 * self.nearest - array.radius) * scale + 1e-9)
+            last = math.ceil((2 * self.farthest + array.radius) * scale - 1e-9)
+        if first < 1:
+            raise BadValue(
+                f"window.nearest={self.nearest} m: more than half the array's radius {array.radius:g} m"
+            )
+        return first, last

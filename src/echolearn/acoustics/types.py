@@ -1,0 +1,272 @@
+"""The nouns of the project: small frozen values, checked when they are made."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from echolearn.checks import (
+    check,
+    check_list,
+    check_number,
+    check_whole,
+    finite_array,
+    is_number,
+    real_array,
+)
+
+Array = NDArray[Any]
+
+SPEED_OF_SOUND = 343.0
+"""m/s, the paper's value."""
+
+PARITY = 1e-5
+"""Largest difference in confidence between a trained classifier and its file."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """A shoebox room spanning [0, size].
+
+    Attributes:
+        size: length, width, height in m.
+        t60: reverberation time in s; Sabine's formula turns it into one absorption for all walls.
+        walls: factor (0 to 1) on each wall's reflection coefficient, in the order x=0, x=max, y=0,
+            y=max, floor, ceiling; 0 is a wall that does not reflect.
+    """
+
+    size: tuple[float, float, float]
+    t60: float
+    walls: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check_list("room.size", self.size, length=3, allowed="three lengths in m")
+        for length in self.size:
+            check_number("room.size", length, low=0.5, high=200.0, unit="m")
+        check_list("room.walls", self.walls, length=6, allowed="six factors from 0 to 1")
+        for factor in self.walls:
+            check_number("room.walls", factor, low=0.0, high=1.0)
+        object.__setattr__(self, "size", tuple(float(v) for v in self.size))
+        object.__setattr__(self, "walls", tuple(float(v) for v in self.walls))
+        check_number("room.t60", self.t60, low=0.01, high=10.0, unit="s")
+        shape = " x ".join(f"{length:g}" for length in self.size)
+        check(
+            self.sabine_absorption() < 1.0,
+            "room.t60",
+            f"{self.t60:g} s",
+            allowed=f"at least {self.shortest_t60():.3f} s in a {shape} m room by Sabine's formula",
+            hint="walls cannot absorb more than everything; use a longer T60 or a smaller room",
+        )
+
+    def shortest_t60(self, speed_of_sound: float = SPEED_OF_SOUND) -> float:
+        """Return the T60 in s at which Sabine's absorption reaches 1: 24 ln(10) V / (c S)."""
+        x, y, z = self.size
+        return 24.0 * math.log(10.0) * x * y * z / (speed_of_sound * 2.0 * (x * y + y * z + z * x))
+
+    def sabine_absorption(self, speed_of_sound: float = SPEED_OF_SOUND) -> float:
+        """Return the energy absorption coefficient that Sabine's formula gives for `t60`."""
+        return self.shortest_t60(speed_of_sound) / self.t60
+
+    def reflection(self, speed_of_sound: float = SPEED_OF_SOUND) -> Array:
+        """Return the pressure reflection coefficients, shape (6,): factor * sqrt(1 - absorption)."""
+        return np.array(self.walls) * math.sqrt(
+            max(0.0, 1.0 - self.sabine_absorption(speed_of_sound))
+        )
+
+
+@dataclass(frozen=True)
+class MicArray:
+    """Microphones around a loudspeaker at the origin of the robot's frame (x ahead, y left, z up).
+
+    Attributes:
+        positions: microphones, shape (M, 3), in m; the first is the reference.
+    """
+
+    positions: Array
+
+    def __post_init__(self) -> None:
+        positions = real_array(
+            "array.positions", self.positions, allowed="shape (M, 3) in m"
+        ).copy()
+        flat = positions.ndim == 2 and positions.shape[-1] == 3
+        check(flat, "array.positions", positions.shape, allowed="shape (M, 3) in m")
+        finite = bool(np.isfinite(positions).all())
+        check(finite, "array.positions", "NaN or infinity", allowed="finite coordinates in m")
+        positions.setflags(write=False)
+        object.__setattr__(self, "positions", positions)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def radius(self) -> float:
+        """Largest distance of a microphone from the loudspeaker, in m."""
+        return float(np.linalg.norm(self.positions, axis=1).max())
+
+
+@dataclass(frozen=True)
+class Probe:
+    """The known burst the loudspeaker emits.
+
+    Attributes:
+        samples: the burst, shape (L,), before zero-padding; float64, whatever was given.
+        sample_rate: in Hz.
+        length: N, samples recorded from the start of the emission.
+    """
+
+    samples: Array
+    sample_rate: float
+    length: int
+
+    def __post_init__(self) -> None:
+        samples = finite_array(
+            "probe.samples", self.samples, shape=(-1,), allowed="finite numbers, shape (L,)"
+        )
+        object.__setattr__(self, "samples", samples)
+        check_number("probe.sample_rate", self.sample_rate, low=1000.0, high=400_000.0, unit="Hz")
+        hint = "the recording must hold the burst"
+        check_whole("probe.length", self.length, low=len(self.samples), unit="samples", hint=hint)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the robot stands.
+
+    Attributes:
+        position: loudspeaker, shape (3,), in m, room frame.
+        heading: direction of the robot's x axis in the room, in rad.
+    """
+
+    position: Array
+    heading: float = 0.0
+
+    def __post_init__(self) -> None:
+        position = finite_array(
+            "pose.position", self.position, shape=(3,), allowed="three finite coordinates in m"
+        )
+        object.__setattr__(self, "position", position)
+        check(
+            is_number(self.heading),
+            "pose.heading",
+            f"{self.heading} rad",
+            allowed="a finite number in rad",
+        )
+
+
+@dataclass(frozen=True)
+class Observation:
+    """All that an estimator may know: recordings with the direct path removed, and what the robot
+    carries.
+
+    Attributes:
+        samples: recordings, shape (..., M, N); leading axes are a batch of observations. Real
+            numbers of any dtype, which become float64; their scale does not matter.
+        probe: what was emitted.
+        array: where the microphones are.
+        speed_of_sound: in m/s.
+        noise_psd: power spectral density of the noise alone, recorded before the walk
+            (`signals.noise_psd`), shape (F,) or (M, F) at F evenly spaced frequencies from 0 to
+            half the sample rate; None if unknown.
+        noise_covariance: of the same noise between microphones at those frequencies
+            (`signals.noise_covariance`), shape (F, M, M); None if unknown.
+        sample_rate: of the recordings, in Hz, where it is known apart from the probe's; localizers
+            refuse another.
+    """
+
+    samples: Array
+    probe: Probe
+    array: MicArray
+    speed_of_sound: float = SPEED_OF_SOUND
+    noise_psd: Array | None = None
+    sample_rate: float | None = None
+    noise_covariance: Array | None = None
+
+    def __post_init__(self) -> None:
+        allowed, hint = (
+            "real numbers, shape (..., M, N)",
+            "give the samples themselves, not their spectrum",
+        )
+        samples = real_array("observation.samples", self.samples, allowed=allowed, hint=hint)
+        object.__setattr__(self, "samples", samples)
+        name, hint = "observation.speed_of_sound", "air is 343 m/s"
+        check_number(name, self.speed_of_sound, low=100.0, high=2000.0, unit="m/s", hint=hint)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """All that an estimator may not know: the first-order echo of each reflecting wall.
+
+    Attributes:
+        toa: at microphone 1, shape (W,), in s.
+        azimuth: in the robot's frame, shape (W,), in rad.
+        elevation: from the array's axis, shape (W,), in rad.
+    """
+
+    toa: Array
+    azimuth: Array
+    elevation: Array
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """Estimated echoes, strongest first; every field has shape (..., R). R = 1 is the paper.
+
+    Attributes:
+        toa: at microphone 1, in s.
+        score: normalised correlation of the recording with the probe at `toa`, -1 to 1.
+        gain: amplitude relative to the probe (Eq. 11).
+        azimuth: in the robot's frame, in rad.
+        elevation: from the array's axis, in rad.
+        power: steered response at the estimate, in the localizer's own linear unit.
+    """
+
+    toa: Array
+    score: Array
+    gain: Array
+    azimuth: Array
+    elevation: Array
+    power: Array
+
+
+@dataclass(frozen=True)
+class EchoMap:
+    """Points of a map with the belief in each.
+
+    Attributes:
+        points: shape (P, 2), in m, room frame.
+        confidence: shape (P,), 0 to 1.
+        kept: shape (P,), bool: survived the filter.
+        poses: robot positions the points were seen from, shape (P, 2), in m.
+    """
+
+    points: Array
+    confidence: Array
+    kept: Array
+    poses: Array = field(default_factory=lambda: np.empty((0, 2)))
+
+
+class Responder(Protocol):
+    """An engine for room impulse responses (`echolearn.simulation.responses`)."""
+
+    def __call__(
+        self,
+        room: Room,
+        source: Array,
+        microphones: Array,
+        *,
+        sample_rate: float,
+        speed_of_sound: float,
+    ) -> Array:
+        """Return responses from `source` (3,) to `microphones` (M, 3), shape (M, round(t60 *
+        sample_rate))."""
+
+
+class Noise(Protocol):
+    """A source of microphone noise (`echolearn.simulation.noise`)."""
+
+    def __call__(
+        self, array: MicArray, *, length: int, sample_rate: float, rng: np.random.Generator
+    ) -> Array:
+        """Return noise of unit variance, shape (M, length)."""

@@ -1,0 +1,85 @@
+"""Classifiers: from what is known about an echo to the belief that a wall made it.
+
+A classifier sees either named columns of a data set (`score`, `peak_to_rms`, ...; view "features")
+or one tensor (`covariance`, ...; view "covariance"), and answers with one real number per
+observation, the *decision*: the larger, the stronger the belief in a reflector. Its scale is the
+classifier's own, a logit for networks and trees, a signed margin for the SVM, a standardised column
+for a bare threshold. Turning decisions into confidences is not the classifier's business:
+`echolearn.training.train` calibrates every one of them in the same way (`calibration`), on data
+that `fit` used for early stopping at most.
+
+    x, y --fit--> classifier --decision--> d --sigmoid(a d + b), a > 0--> confidence --threshold-->
+    kept
+
+Each module is one method: `threshold`, `svm`, `trees`, `network` (any `torch.nn.Module` from
+    `nets`, or your
+own). To add another, write a dataclass with the three methods of `Classifier` below, check its
+arguments in `__post_init__` by `echolearn.checks.check`, and put a `conf/classifier/<name>.yaml`
+beside the others whose first line names the class and whose other keys are its arguments. Nothing
+registers it: the contract tests find the file by glob, and a sweep over `classifier=...` takes it
+from there.
+
+Three promises keep all classifiers exchangeable:
+
+- *Finite float32.* Inputs are rounded to float32 before anything looks at them (`inputs.as_input`),
+  and whatever is not finite is refused. So `decision` and its exported twin see the same numbers.
+- *One scorer.* `scorer()` writes the fitted function, scaler and all, as a torch module of real
+  tensor operations. `onnx_model` turns it into a file that onnxruntime evaluates to the same
+  confidences, for an SVM as for a network, and that file is all that is ever loaded again. Nothing
+  is pickled.
+- *Seeds.* `fit` with equal arguments gives equal decisions, and leaves the global random state
+  alone.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, Self
+
+from echolearn.acoustics.types import Array
+from echolearn.classifiers.inputs import Inputs
+
+if TYPE_CHECKING:
+    import torch
+
+
+class Classifier(Protocol):
+    """What every classifier does.
+
+    Attributes:
+        inputs: names of the columns it sees, in order, or of the one tensor.
+    """
+
+    inputs: tuple[str, ...]
+
+    @property
+    def view(self) -> str:
+        """Return "features" for columns, "covariance" for a tensor."""
+
+    def fit(
+        self,
+        x: Inputs,
+        y: Array,
+        *,
+        groups: Array,
+        validation: tuple[Inputs, Array],
+        folder: Path,
+        seed: int,
+    ) -> Self:
+        """Learn from labelled observations.
+
+        Args:
+            x: columns, shape (B, K), or tensors, shape (B, bands, M * M); rows that are fetched
+                when asked for, or an array (`as_input` turns either into an array).
+            y: True for a reflector, shape (B,).
+            groups: id of the position each row was observed from, shape (B,); rows of one position
+                never part.
+            validation: x and y of positions that are not in `groups`, for early stopping.
+            folder: of the run, where logs and checkpoints may be left.
+            seed: of everything random.
+        """
+
+    def decision(self, x: Inputs) -> Array:
+        """Return the belief in a reflector, shape (B,), float64, on the classifier's own scale."""
+
+    def scorer(self) -> "torch.nn.Module":
+        """Return the same function as a torch module: float32 `x` to float64 or float32 decisions
+        (B,)."""

@@ -1,0 +1,1 @@
+"""Classifiers: one module each, one interface (`classifiers.classifier.Classifier`)."""

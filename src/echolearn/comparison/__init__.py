@@ -1,0 +1,1 @@
+"""Trained runs judged on sets and surveys: tables, tests, figures, a report."""

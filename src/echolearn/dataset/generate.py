@@ -1,0 +1,115 @@
+"""Labelled sets of observations: a plan says where and how, `generate` simulates, estimates,
+describes, labels.
+
+Row i of a set depends on `SeedSequence(plan.seed, spawn_key=(i,))` alone, and shards are always
+computed whole and with one thread, so the bytes are the same for any engine, any number of workers
+and any interruption.
+
+A shard is one structured array, a record per echo (`records`).
+"""
+
+import time
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from echolearn.checks import check
+from echolearn.dataset.plans import Plan
+from echolearn.dataset.records import records
+from echolearn.runtime.engine import Engine
+from echolearn.runtime.progress import track
+from echolearn.storage import manifests
+from echolearn.storage.files import clean, presence
+from echolearn.storage.identity import digest, plain
+
+FORMAT = 1
+"""Version of the records; part of every digest."""
+
+BLOCK = 64
+"""Rows whose recordings are held at a time, 4.5 MB each with all that is computed from them."""
+
+PATIENCE = 60.0
+"""Seconds until a file that another machine wrote must be seen."""
+
+SHARED = "a folder that all workers see and write to at the same path; some worker does not"
+
+
+def folder_of(plan: Plan, runs: Path) -> Path:
+    """Return the folder of a plan's set, named after the digest of the plan."""
+    return Path(runs) / "data" / f"{plan.name}-{digest({'format': FORMAT, 'plan': plain(plan)})}"
+
+
+def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = None) -> Path:
+    """Simulate, estimate, describe and label every row of a plan; finished shards are kept, a
+    finished set is skipped.
+
+    Args:
+        plan: what to observe.
+        runs: folder of everything generated; workers of the engine write into it, wherever they
+            are.
+        engine: where the shards are computed; the result does not depend on it.
+        command: what makes the set again, for the manifest; None says nothing about it.
+
+    Returns:
+        The set's folder, complete.
+
+    Raises:
+        BadValue: more shards than a manifest can name, the engine cannot work, or the disk is full,
+            or not shared by the workers.
+    """
+    folder, shards = folder_of(plan, runs), -(-len(plan) // plan.shard_rows)
+    name, allowed = "plan.shard_rows", f"at most {manifests.MOST} shards of {len(plan)} rows"
+    check(shards <= manifests.MOST, name, plan.shard_rows, allowed=allowed, hint="make it larger")
+    clean(folder)
+    names = [manifests.shard_name(shard) for shard in range(shards)]
+    missing = manifests.missing_shards(folder, len(names))
+    if missing:
+        _simulate(plan, folder, missing, done=len(names) - len(missing), engine=engine)
+    if missing or not manifests.is_finished(folder):
+        about = {
+            "kind": "set",
+            "format": FORMAT,
+            "rows": len(plan) * plan.localizer.echoes,
+            "plan": plain(plan),
+        }
+        manifests.finish(folder, about | manifests.made_by(command), names)
+    return folder
+
+
+def _simulate(plan: Plan, folder: Path, missing: list[int], *, done: int, engine: Engine) -> None:
+    """Write the missing shards."""
+    with (
+        presence(folder.resolve()) as mark,
+        closing(engine(partial(_write, plan, mark), missing)) as jobs,
+    ):
+        for _ in track(
+            jobs, f"generate {folder.name}", total=done + len(missing), unit="shards", done=done
+        ):
+            pass
+    _await([manifests.sidecar(folder / manifests.shard_name(shard)) for shard in missing])
+
+
+def _write(plan: Plan, mark: Path, shard: int) -> None:
+    """Write one shard beside the mark by which a worker knows the folder."""
+    check(mark.is_file(), "runs", mark.parent, allowed=SHARED)
+    rows = range(len(plan))[shard * plan.shard_rows :][: plan.shard_rows]
+    blocks = [records(plan, rows[start : start + BLOCK]) for start in range(0, len(rows), BLOCK)]
+    manifests.write_shard(mark.parent, shard, np.concatenate(blocks))
+
+
+def _await(paths: list[Path]) -> None:
+    """Wait for files that others have written: a network's disk may show them late. A finished set
+    has none left."""
+    until, folder = time.monotonic() + PATIENCE, paths[0].parent
+    while absent := [path for path in paths if not path.is_file()]:
+        if manifests.is_finished(folder):  # by another command
+            return
+        check(
+            time.monotonic() < until,
+            "runs",
+            folder,
+            allowed=f"{SHARED} ({absent[0].name} is not seen)",
+        )
+        time.sleep(0.2)

@@ -1,0 +1,93 @@
+"""A finished set, read back: columns and tensors by name, from shards that were proved when it was
+opened."""
+
+from pathlib import Path
+
+import numpy as np
+
+from echolearn.acoustics.signals import joint_db
+from echolearn.acoustics.types import Array
+from echolearn.checks import BadValue, check
+from echolearn.storage import manifests
+from echolearn.storage.files import let_go, open_array
+from echolearn.storage.identity import digest
+
+
+class Dataset:
+    """A finished set, read from memory-mapped shards whose checksums were verified on opening.
+
+    `dataset[name]` is a field of all rows, shape (B, ...); `dataset.gather(name, rows)` of some.
+    Shards are let go
+    after each look: their pages stay in the system's cache, but are no part of this process's
+        memory.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Open the set in `folder`.
+
+        Raises:
+            BadValue: not a finished set, or a file that is missing, cut or changed.
+        """
+        self.folder = Path(folder)
+        self.manifest = manifests.load_manifest(self.folder)
+        check(
+            self.manifest.get("kind") == "set",
+            "set",
+            self.folder,
+            allowed="a folder written by echolearn generate",
+        )
+        self.name: str = self.manifest["plan"]["name"]
+        self.digest: str = digest(self.manifest["files"])
+        mend = manifests.advice(self.manifest)
+        files = sorted(self.manifest["files"].items())
+        self._shards = [
+            open_array(self.folder / name, size=entry["bytes"], sha256=entry["sha256"], mend=mend)
+            for name, entry in files
+        ]
+        self._ends = np.cumsum([len(shard) for shard in self._shards])
+
+    def __len__(self) -> int:
+        return int(self.manifest["rows"])
+
+    @property
+    def ratio_db(self) -> Array:
+        """Received probe over all noises together at microphone 1, in dB, shape (B,)."""
+        if self.manifest["plan"]["sdnr_db"] is None:
+            return self["snr_db"]
+        return joint_db(self["snr_db"], self["sdnr_db"])
+
+    def __getitem__(self, name: str) -> Array:
+        return self.gather(name, np.arange(len(self)))
+
+    def gather(self, name: str, rows: Array) -> Array:
+        """Return a field of some rows, in their order.
+
+        Args:
+            name: of the field.
+            rows: their numbers, shape (B,); each shard is visited once, whatever their order.
+
+        Returns:
+            Shape (B, ...).
+
+        Raises:
+            BadValue: the set has no such field, or no such row.
+        """
+        known = self._shards[0].dtype
+        if name not in (known.names or ()):
+            raise BadValue(
+                f"column={name}: one of {', '.join(known.names or ())}; does the set come from an older version?"
+            )
+        found = np.empty((len(rows), *known[name].shape), dtype=known[name].base)
+        order = np.argsort(rows, kind="stable")
+        ordered = rows[order]
+        inside = len(rows) == 0 or 0 <= ordered[0] <= ordered[-1] < len(self)
+        check(
+            inside, "rows", f"{ordered[:1]} to {ordered[-1:]}", allowed=f"from 0 to {len(self) - 1}"
+        )
+        stops = np.searchsorted(ordered, self._ends)
+        for index in np.flatnonzero(np.diff(stops, prepend=0)):
+            start = stops[index - 1] if index else 0
+            here, first = order[start : stops[index]], self._ends[index] - len(self._shards[index])
+            found[here] = self._shards[index][name][ordered[start : stops[index]] - first]
+            let_go(self._shards[index])
+        return found

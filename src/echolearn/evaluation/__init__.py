@@ -1,0 +1,1 @@
+"""Metrics, matching, statistics: pure functions on arrays."""

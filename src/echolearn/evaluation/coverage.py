@@ -1,0 +1,92 @@
+"""How much of the walls a map shows: coverage, and distances in both directions.
+
+Walls 1 to 2 m from a pose give an echo inside the search window. The foot of the perpendicular from
+the pose is where that echo's map point belongs, and the wall within 0.25 m of a foot is
+*reachable*. A kept point covers the wall within 0.25 m of itself, so a map of every perfect point
+has a coverage of exactly 1. The symmetric distance is that of Barshan, "Objective error criterion
+for evaluation of mapping accuracy based on sensor time-of-flight measurements",
+Sensors 8 (2008): (mean_p min_q |p - q| + mean_q min_p |p - q|) / 2 for kept points p and reachable wall q.
+
+Both judge a union of points. Bootstrap resampling drops a third of the poses and would bias them:
+no weights here.
+"""
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from echolearn.acoustics.types import Array
+
+NEAREST, FARTHEST = 1.0, 2.0
+"""m; wall distances whose echoes lie inside the search window."""
+
+REACH = 0.25
+"""m of wall on either side that one point covers."""
+
+
+def wall_samples(corners: Array, *, step: float = 0.05) -> tuple[Array, Array]:
+    """Cut the outline (C, 2) into pieces of at most `step` m: their middles (S, 2) and their
+    lengths (S,), in m."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    counts = np.ceil(np.linalg.norm(edges, axis=1) / step - 1e-9).astype(int)
+    middles = [
+        a + (np.arange(n) + 0.5)[:, None] / n * e
+        for a, e, n in zip(corners, edges, counts, strict=True)
+    ]
+    return np.concatenate(middles), np.repeat(np.linalg.norm(edges, axis=1) / counts, counts)
+
+
+def feet(corners: Array, poses: Array) -> tuple[Array, Array]:
+    """Drop perpendiculars from `poses` (P, 2) on each wall: feet (P, C, 2) in m, and whether they
+    give an echo (P, C).
+
+    They do if the foot lies on the wall, 1 to 2 m away.
+    """
+    edge = np.roll(corners, -1, axis=0) - corners
+    along = ((poses[:, None] - corners) * edge).sum(-1) / (edge**2).sum(-1)
+    foot = corners + along[..., None] * edge
+    distance = np.linalg.norm(foot - poses[:, None], axis=-1)
+    return foot, (along >= 0) & (along <= 1) & (distance >= NEAREST) & (distance <= FARTHEST)
+
+
+def attainable(corners: Array, poses: Array) -> float:
+    """Return the share of `poses` (P, 2) with a wall 1 to 2 m away: about what one echo a pose can
+    get right."""
+    return float(feet(corners, poses)[1].any(axis=1).mean()) if len(poses) else float("nan")
+
+
+def wall_coverage(corners: Array, points: Array, *, kept: Array, poses: Array) -> float:
+    """Return the share of the reachable wall length within 0.25 m of a kept point; NaN if none is
+    reachable.
+
+    Args:
+        corners: the room's outline, shape (C, 2), in m.
+        points: of the map, shape (P, 2), in m.
+        kept: shape (P,), bool.
+        poses: of the whole walk, shape (any, 2), in m.
+    """
+    samples, lengths = wall_samples(corners)
+    foot, heard = feet(corners, poses)
+    reachable = lengths * (_nearest(samples, foot[heard]) <= REACH)
+    covered = _nearest(samples, points[kept]) <= REACH
+    return float(reachable @ covered / reachable.sum()) if reachable.any() else float("nan")
+
+
+def nearest_neighbour_error(corners: Array, points: Array, *, kept: Array, poses: Array) -> float:
+    """Return the mean, over both directions, of the mean distance in m between kept points and
+    reachable wall.
+
+    Arguments as for `wall_coverage`; NaN if nothing is kept or nothing is reachable. Source:
+    Barshan (2008).
+    """
+    samples, _ = wall_samples(corners)
+    foot, heard = feet(corners, poses)
+    wall, map_points = samples[_nearest(samples, foot[heard]) <= REACH], points[kept]
+    if not len(wall) or not len(map_points):
+        return float("nan")
+    return float(_nearest(map_points, wall).mean() + _nearest(wall, map_points).mean()) / 2
+
+
+def _nearest(points: Array, others: Array) -> Array:
+    """Return each point's distance to the nearest of the others, infinite if there are none."""
+    distance: Array = cdist(points, others).min(axis=1, initial=np.inf)
+    return distance

@@ -1,0 +1,1 @@
+"""From recordings to echoes and the columns that describe them."""

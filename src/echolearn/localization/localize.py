@@ -1,0 +1,39 @@
+"""From recordings to echoes and what describes them: the one way that sets, comparisons and robots
+take.
+
+    observation --matched filters--> view --localizer--> echoes --features--> columns
+
+The matched filters are computed once; the localizer and the columns that describe its echoes share
+them, half of the work of both. A localizer that whitens makes another view for itself, its echoes
+are described in this one.
+"""
+
+from collections.abc import Collection
+
+from echolearn.acoustics.types import Array, Echoes, Observation
+from echolearn.localization.features import COLUMNS, TENSORS, describe
+from echolearn.localization.localizer import Localizer
+from echolearn.localization.matched_filter import MatchedFilter
+
+
+def localize(
+    observation: Observation, localizer: Localizer, *, names: Collection[str] = (*COLUMNS, *TENSORS)
+) -> tuple[Echoes, dict[str, Array]]:
+    """Estimate the echoes of recordings, and describe them.
+
+    Args:
+        observation: samples (B, M, N), the direct path removed.
+        localizer: estimates R echoes of each in its search window.
+        names: columns and tensors that are wanted (`features`); what is costly and only good for
+            others is left out.
+
+    Returns:
+        The echoes, fields (B, R), and their columns by name, a row for each of B * R echoes,
+        observation by observation.
+
+    Raises:
+        BadValue: recordings that cannot be analysed (`faults`).
+    """
+    view = MatchedFilter(observation, localizer.window)
+    echoes = localizer(observation, view)
+    return echoes, describe(view, echoes, names=names)

@@ -1,0 +1,1 @@
+"""Localizers: one module each, one interface (`localization.localizer.Localizer`)."""

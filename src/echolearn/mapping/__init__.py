@@ -1,0 +1,1 @@
+"""From echoes to map points, walls and map files."""

@@ -1,0 +1,1 @@
+"""The files of a map, one module for each format."""

@@ -1,1 +1,0 @@
-"""Noises at the microphones: several implementations of `echolearn.types.Noise`, one module each."""

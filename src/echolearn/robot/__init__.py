@@ -1,0 +1,1 @@
+"""What a robot runs: a bundle and recordings in, confidences and maps out."""

@@ -1,0 +1,2 @@
+"""Engines, where many independent jobs are done: one module each, one interface
+(`runtime.engine.Engine`)."""

@@ -1,0 +1,1 @@
+"""From a room, a pose and noises to what a robot hears."""

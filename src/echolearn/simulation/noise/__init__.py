@@ -1,0 +1,2 @@
+"""Noises at the microphones: several implementations of `echolearn.acoustics.types.Noise`, one
+module each."""

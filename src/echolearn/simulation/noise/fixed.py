@@ -1,0 +1,80 @@
+"""Noise of sources at fixed places beside the microphones: a multirotor's own rotors at the ends of
+their arms.
+
+    x_m(t) = sum_q (1 / d_qm) s_q(t - d_qm / c)
+
+d_qm is the distance of source q from microphone m: spherical waves, unlike the far sound from all
+    sides of
+`diffuse.py`. With fewer sources than microphones the covariance between microphones is nearly
+singular at every frequency, so an estimator that knows it can be rid of most of the noise.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from echolearn.acoustics.types import SPEED_OF_SOUND, Array, MicArray
+from echolearn.checks import check, check_list, check_number
+from echolearn.simulation.noise.diffuse import Source
+
+NEAREST = 0.01
+"""m from any microphone."""
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """Sources that move with the robot.
+
+    Attributes:
+        source: the noise of one of them; each is a draw of its own.
+        places: where they are, robot's frame, Q x 3, in m.
+        speed_of_sound: in m/s.
+    """
+
+    source: Source
+    places: Sequence[Sequence[float]]
+    speed_of_sound: float = SPEED_OF_SOUND
+
+    def __post_init__(self) -> None:
+        hint = "air is 343 m/s"
+        check_number(
+            "diffuse.speed_of_sound",
+            self.speed_of_sound,
+            low=100.0,
+            high=2000.0,
+            unit="m/s",
+            hint=hint,
+        )
+        check_list("diffuse.places", self.places, allowed="places of three coordinates in m")
+        check(len(self.places) > 0, "diffuse.places", "[]", allowed="one place at least")
+        for place in self.places:
+            check_list("diffuse.places", place, length=3, allowed="three coordinates in m for each")
+            for coordinate in place:
+                check_number("diffuse.places", coordinate, low=-100.0, high=100.0, unit="m")
+
+    def __call__(
+        self, array: MicArray, *, length: int, sample_rate: float, rng: np.random.Generator
+    ) -> Array:
+        """Return noise of unit power, mean over time and microphones, shape (M, length)."""
+        distance = np.linalg.norm(
+            np.array(self.places, dtype=float)[:, None] - array.positions, axis=-1
+        )
+        nearest = float(distance.min())
+        check(
+            nearest >= NEAREST,
+            "diffuse.places",
+            f"{nearest:.3f} m from a microphone",
+            allowed=f"{NEAREST} m or more",
+        )
+        ahead = int(np.ceil(distance.max() * sample_rate / self.speed_of_sound)) + 1
+        size = fft.next_fast_len(length + 2 * ahead, real=True)
+        omega = 2 * np.pi * fft.rfftfreq(size, 1.0 / sample_rate)
+        total = np.zeros((len(array), len(omega)), dtype=complex)
+        for path in distance:
+            drawn = self.source(length=length + 2 * ahead, sample_rate=sample_rate, rng=rng)
+            late = np.exp(-1j * omega * path[:, None] / self.speed_of_sound)
+            total += fft.rfft(drawn, size) * late / path[:, None]
+        heard = fft.irfft(total, size)[:, ahead : ahead + length]
+        return heard / np.sqrt(np.mean(np.square(heard)))

@@ -1,0 +1,19 @@
+"""Spatially and spectrally white noise: independent Gaussian samples at every microphone (the
+paper's f2)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from echolearn.acoustics.types import Array, MicArray
+
+
+@dataclass(frozen=True)
+class White:
+    """White Gaussian sensor noise."""
+
+    def __call__(
+        self, array: MicArray, *, length: int, sample_rate: float, rng: np.random.Generator
+    ) -> Array:
+        """Return noise of unit variance, shape (M, length); white at any `sample_rate`."""
+        return rng.standard_normal((len(array), length))

@@ -1,0 +1,81 @@
+"""Room impulse responses: engines of one interface, `echolearn.acoustics.types.Responder`.
+
+Every engine sums the mirror images of the source that are heard within the response (Allen and
+Berkley 1979),
+
+    h_m(n) = sum over images of g / (4 pi d_m) phi(n - d_m fs / c),
+
+with g the product of the walls' reflection coefficients on the way, d_m the image's distance from
+microphone m and phi the engine's band-limited fractional delay, centred on 0: no engine adds a
+delay of its own. Samples before the emission are cut off, so a direct path shorter than half of phi
+loses the beginning of its ripple.
+"""
+
+import math
+
+import numpy as np
+
+from echolearn.acoustics.types import Array, Room
+from echolearn.checks import check, check_number
+
+MOST_IMAGES = 1e8
+"""Images per microphone that an engine agrees to sum: seconds for `Images`, minutes for `Pyroom`.
+"""
+
+
+def response_length(room: Room, sample_rate: float) -> int:
+    """Return the number of samples of a response: round(t60 * sample_rate)."""
+    return round(room.t60 * sample_rate)
+
+
+def check_placement(
+    room: Room, source: Array, microphones: Array, *, sample_rate: float, speed_of_sound: float
+) -> None:
+    """Check what every engine is called with.
+
+    Args:
+        room: the shoebox.
+        source: shape (3,), in m.
+        microphones: shape (M, 3), in m.
+        sample_rate: in Hz.
+        speed_of_sound: in m/s.
+
+    Raises:
+        BadValue: a wrong shape, a point outside the room, a microphone on the source, a rate or
+            speed out of range, or a T60 so long that the images cannot be counted out in reasonable
+            time.
+    """
+    check_number("sample_rate", sample_rate, low=1000.0, high=400_000.0, unit="Hz")
+    check_number("speed_of_sound", speed_of_sound, low=100.0, high=2000.0, unit="m/s")
+    check(np.shape(source) == (3,), "source", np.shape(source), allowed="shape (3,) in m")
+    shape = np.shape(microphones)
+    check(
+        len(shape) == 2 and shape[1] == 3 and shape[0] > 0,
+        "microphones",
+        shape,
+        allowed="shape (M, 3) in m",
+    )
+    for name, points in (
+        ("source", np.atleast_2d(source)),
+        ("microphones", np.asarray(microphones)),
+    ):
+        inside = ((points >= 0) & (points <= np.array(room.size))).all(axis=1)
+        place = np.round(points[np.argmin(inside)], 3).tolist()
+        size = " x ".join(f"{length:g}" for length in room.size)
+        check(bool(inside.all()), name, f"{place} m", allowed=f"inside the {size} m room")
+    nearest = float(np.linalg.norm(np.asarray(microphones) - np.asarray(source), axis=1).min())
+    check(
+        nearest > 1e-3,
+        "microphones",
+        f"{nearest:g} m from the source",
+        allowed="more than 0.001 m away from it",
+    )
+    images = 4 / 3 * math.pi * (room.t60 * speed_of_sound) ** 3 / math.prod(room.size)
+    allowed = f"at most {MOST_IMAGES:.0e} images within T60, here {images:.1e}"
+    check(
+        images < MOST_IMAGES,
+        "room.t60",
+        f"{room.t60:g} s",
+        allowed=allowed,
+        hint="is the room that small?",
+    )

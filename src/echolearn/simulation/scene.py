@@ -1,0 +1,89 @@
+"""What every observation of a robot shares: its microphones, its burst, the engine and the noises
+around it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from echolearn.acoustics import signals
+from echolearn.acoustics.geometry import microphone_positions
+from echolearn.acoustics.types import (
+    SPEED_OF_SOUND,
+    Array,
+    MicArray,
+    Noise,
+    Pose,
+    Probe,
+    Responder,
+    Room,
+)
+from echolearn.checks import check_number
+from echolearn.storage.identity import KIND
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What every observation of a robot shares.
+
+    Attributes:
+        array: microphones around the loudspeaker.
+        probe: the known burst.
+        rir: engine for room impulse responses.
+        noise: of each microphone for itself, at the SNR (f2).
+        speed_of_sound: in m/s.
+        diffuse: a field of noise around the array, at the SDNR (f1), or None.
+    """
+
+    array: MicArray
+    probe: Probe
+    rir: Responder
+    noise: Noise
+    speed_of_sound: float = SPEED_OF_SOUND
+    diffuse: Noise | None = None
+
+    def __post_init__(self) -> None:
+        hint = "air is 343 m/s"
+        check_number(
+            "scene.speed_of_sound",
+            self.speed_of_sound,
+            low=100.0,
+            high=2000.0,
+            unit="m/s",
+            hint=hint,
+        )
+
+    @cached_property
+    def direct(self) -> Array:
+        """Direct path at the microphones, shape (M, N): the same at every pose."""
+        hall = Room((20.0, 20.0, 20.0), 1.0)
+        return self.received(replace(hall, walls=(0.0,) * 6), Pose(np.array([10.0, 10.0, 10.0])))
+
+    def received(self, room: Room, pose: Pose) -> Array:
+        """Return the probe as received, x_m of Eq. 1, without noise, shape (M, N)."""
+        response = self.rir(
+            room,
+            np.asarray(pose.position, dtype=float),
+            microphone_positions(self.array, pose),
+            sample_rate=self.probe.sample_rate,
+            speed_of_sound=self.speed_of_sound,
+        )
+        return signals.convolve(self.probe.samples, response, self.probe.length)
+
+
+"""TODO header of simulation.scene."""
+
+
+def noise_kind(scene: Mapping[str, Any], *, sensor: bool = True) -> str:
+    """Return the names of a scene's noises, "white" or "white+rotor".
+
+    Args:
+        scene: as plain containers.
+        sensor: whether the microphones have noise of their own.
+    """
+    heard = [scene["noise"]] if sensor else []
+    if scene["diffuse"] is not None:
+        heard.append(scene["diffuse"].get("source", scene["diffuse"]))
+    return "+".join(noise[KIND] for noise in heard)

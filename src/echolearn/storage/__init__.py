@@ -1,0 +1,1 @@
+"""A file is whole, a folder finished, a thing made once."""

@@ -1,0 +1,86 @@
+"""What tells one thing from all others: canonical text, digests, and short names that outlive a
+move of the code.
+
+    value --plain--> containers --canonical--> one JSON text --digest--> 12 hexadecimal digits
+
+Sets, runs, studies and surveys are named after the digest of what they are made from. There a class
+stands by its *short name*, the class's own in lower case (`gated`, `rotor`, `svm`), never by the
+module in which it is defined. A class of somebody else's package keeps its whole name: nobody but
+they know whether it is the only one.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from echolearn.checks import BadValue
+
+KIND = "kind"
+"""Key under which a short name stands."""
+
+TARGET = "_target_"
+"""Key under which a configuration names what it calls."""
+
+
+def canonical(plain: Any) -> bytes:
+    """Return the one JSON text of plain containers: sorted keys, no blanks, floats by `repr`.
+
+    Raises:
+        BadValue: NaN, infinity, or anything that JSON cannot hold.
+    """
+    try:
+        return json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+    except (TypeError, ValueError, RecursionError) as error:
+        raise BadValue(
+            f"config={plain!r:.200}: plain finite numbers, texts, lists and mappings; {error}"
+        ) from None
+
+
+def digest(plain: Any) -> str:
+    """Return the identity of plain containers: the first 12 hexadecimal digits of their SHA-256."""
+    return hashlib.sha256(canonical(plain)).hexdigest()[:12]
+
+
+def short_name(target: str) -> str:
+    """Return the stable name of a class or function, given by its dotted one."""
+    if not target.startswith("echolearn."):
+        return target
+    return target.rpartition(".")[2].lower()
+
+
+def kind_of(value: object) -> str:
+    """Return the short name of a value's class."""
+    return short_name(f"{type(value).__module__}.{type(value).__qualname__}")
+
+
+def plain(value: Any) -> Any:
+    """Return `value` as plain containers for a manifest: dataclasses by kind and fields, arrays by
+    their hash."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {KIND: kind_of(value)} | {
+            field.name: plain(getattr(value, field.name)) for field in fields(value)
+        }
+    if isinstance(value, np.ndarray):
+        return {
+            "shape": list(value.shape),
+            "sha256": hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest(),
+        }
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def by_short_names(config: Any) -> Any:
+    """Return a configuration, plain containers, in which every `_target_` has become a `kind`."""
+    if isinstance(config, Mapping):
+        named = {KIND: short_name(str(config[TARGET]))} if TARGET in config else {}
+        return named | {key: by_short_names(item) for key, item in config.items() if key != TARGET}
+    if isinstance(config, list | tuple):
+        return [by_short_names(item) for item in config]
+    return config

@@ -1,0 +1,1 @@
+"""How well localizers find echoes while one thing is varied."""

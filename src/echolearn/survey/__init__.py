@@ -1,0 +1,1 @@
+"""Recorded walks: their folder format, read and checked."""

@@ -1,0 +1,172 @@
+"""Finished runs, read back: what they were trained on, what they look at, what they answer about a
+test set."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echolearn.acoustics.types import Array
+from echolearn.checks import check
+from echolearn.classifiers.inputs import COVARIANCE, view_of
+from echolearn.dataset.labelled_set import Dataset
+from echolearn.evaluation import stats
+from echolearn.evaluation.scoring import Answer, Heard, Sheet
+from echolearn.simulation.scene import noise_kind
+from echolearn.storage import manifests
+from echolearn.storage.identity import digest
+from echolearn.training.split import split
+from echolearn.training.train import load_scorer
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run.
+
+    Attributes:
+        folder: where it lies.
+        metrics: the content of its `metrics.json`.
+    """
+
+    folder: Path
+    metrics: Mapping[str, Any]
+
+    @property
+    def identity(self) -> str:
+        """What tells this run from all others."""
+        return self.folder.name
+
+    @property
+    def classifier(self) -> str:
+        """Name of the classifier."""
+        return str(self.metrics["name"])
+
+    @property
+    def trained_on(self) -> str:
+        """Name of the set, with what is unusual about the training."""
+        unusual = [self.metrics["target"]] * (self.metrics["target"] != "reflector")
+        unusual += [f"{self.metrics['split']} split"] * (self.metrics["split"] != "position")
+        return f"{self.metrics['plan']}" + (f" ({', '.join(unusual)})" if unusual else "")
+
+    @property
+    def seed(self) -> int:
+        """Seed of the split and the classifier."""
+        return int(self.metrics["seed"])
+
+    @property
+    def data_digest(self) -> str:
+        """Digest of the set it was trained on."""
+        return str(self.metrics["data"])
+
+    @property
+    def threshold(self) -> float:
+        """Confidence from which an echo is kept, chosen on validation data."""
+        return float(self.metrics["threshold"])
+
+    @property
+    def inputs(self) -> Sequence[str]:
+        """Columns it looks at, or its one tensor."""
+        return tuple(self.metrics["inputs"])
+
+    def held_out(self, dataset: Dataset) -> Array:
+        """Return the rows of a set that this run's split holds out, shape (B,): of its own set,
+        what it never saw."""
+        groups = (
+            dataset["group"] if self.metrics["split"] == "position" else np.arange(len(dataset))
+        )
+        return split(groups, share=self.metrics["test_share"], seed=self.seed)[1]
+
+    def confidence(self, columns: Mapping[str, Array]) -> Array:
+        """Return the belief in a reflector, shape (B,), from named columns (B, ...)."""
+        return self.answer(self.inputs_of(columns))
+
+    def inputs_of(self, columns: Mapping[str, Array]) -> Array:
+        """Return what the classifier looks at, shape (B, K) or (B, bands, M * M), from named
+        columns (B, ...)."""
+        tensor = view_of(self.inputs) == COVARIANCE
+        return (
+            columns[self.inputs[0]]
+            if tensor
+            else np.stack([columns[name] for name in self.inputs], axis=1)
+        )
+
+    def answer(self, x: Array) -> Array:
+        """Return the belief in a reflector, shape (B,), from raw inputs (B, ...)."""
+        return np.asarray(load_scorer(self.folder)(x), dtype=float)
+
+
+def load_runs(runs: Path) -> list[Run]:
+    """Return every finished run under `runs/train` whose data are still there, by name.
+
+    Raises:
+        BadValue: one is damaged, or two differ in their settings, but not in classifier, set and
+            seed.
+    """
+    present = {
+        digest(manifests.load_manifest(path.parent)["files"])
+        for path in (runs / "data").glob(f"*/{manifests.MANIFEST}")
+    }
+    folders = sorted(path.parent for path in (runs / "train").glob("*/metrics.json"))
+    found = [Run(folder, manifests.load_manifest(folder)) for folder in folders]
+    known = [run for run in found if run.data_digest in present]
+    for run in known:
+        manifests.verify(run.folder)
+        twins = [other.identity for other in known if _title(other) == _title(run)]
+        hint = "remove the outdated, or train with another name="
+        check(
+            len(twins) == 1,
+            "runs",
+            ", ".join(twins),
+            allowed="one run per classifier, set and seed",
+            hint=hint,
+        )
+        named = run.metrics["run"]
+        check(
+            run.identity == named,
+            "run",
+            run.folder,
+            allowed=f"a folder called {named}",
+            hint="was it renamed?",
+        )
+    return known
+
+
+def _title(run: Run) -> tuple[str, str, int]:
+    return run.classifier, run.trained_on, run.seed
+
+
+def sheet_of(dataset: Dataset, name: str, *, resamples: int) -> Sheet:
+    """Return the sheet of a labelled set, judged by the paper's label."""
+    weights = stats.cluster_weights(dataset["group"], resamples=resamples)
+    noise = noise_kind(
+        dataset.manifest["plan"]["scene"], sensor=bool(np.isfinite(dataset["snr_db"]).any())
+    )
+    return Sheet(name, dataset["reflector"], dataset["group"], dataset.ratio_db, weights, noise)
+
+
+def answer_set(run: Run, dataset: Dataset, *, studied: bool = False) -> Answer:
+    """Let a run answer about a set.
+
+    Args:
+        run: a finished run.
+        dataset: the set; only the rows that the run held out if it was trained on it.
+        studied: whether any of those it competes with was; then all are asked about the same rows,
+            seed by seed.
+    """
+    own = run.data_digest == dataset.digest
+    rows = run.held_out(dataset) if own or studied else np.arange(len(dataset))
+    return Answer(
+        run.seed,
+        rows,
+        run.confidence({name: dataset[name][rows] for name in run.inputs}),
+        run.threshold,
+    )
+
+
+def answer_map(run: Run, heard: Heard) -> Answer:
+    """Let a run answer about every echo of a survey."""
+    return Answer(
+        run.seed, np.arange(len(heard.points)), run.confidence(heard.columns), run.threshold
+    )

@@ -1,0 +1,139 @@
+"""What is to be learned from which rows of a labelled set.
+
+    positions --> 80 % | 20 % test;   the 80 % --> 80 % training | 20 % validation   (1 989 rows: 1 273 | 318 | 398)
+
+Rows of one position never part. `split="row"` lets them, and shows what that leak is worth.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from echolearn.acoustics.types import Array
+from echolearn.checks import check, check_number, check_whole
+from echolearn.classifiers.inputs import COVARIANCE, Rows, rows_of, view_of
+from echolearn.dataset.labelled_set import Dataset
+
+
+class Parts(NamedTuple):
+    """Row indices of a set's three parts."""
+
+    train: Array
+    validation: Array
+    test: Array
+
+
+@dataclass(frozen=True)
+class Task:
+    """A set, a label, and a division of the rows that depends on nothing else than these fields.
+
+    Attributes:
+        dataset: labelled observations.
+        target: label to learn, "reflector" (the paper's) or "on_map".
+        seed: of the division.
+        split: "position", or the leaky "row".
+        test_share: of all positions.
+        validation_share: of the positions that are not for testing.
+    """
+
+    dataset: Dataset
+    target: str = "reflector"
+    seed: int = 0
+    split: str = "position"
+    test_share: float = 0.2
+    validation_share: float = 0.2
+
+    def __post_init__(self) -> None:
+        check(
+            self.target in ("reflector", "on_map"),
+            "target",
+            self.target,
+            allowed="reflector or on_map",
+        )
+        check_whole("seed", self.seed, low=0, high=2**31 - 1)
+        check(self.split in ("position", "row"), "split", self.split, allowed="position or row")
+        check_number("test_share", self.test_share, low=0.01, high=0.9)
+        check_number("validation_share", self.validation_share, low=0.01, high=0.9)
+
+    def identity(self) -> dict[str, Any]:
+        """Return what tells this task from others, as plain containers."""
+        names = ("target", "seed", "split", "test_share", "validation_share")
+        about = {"plan": self.dataset.name, "data": self.dataset.digest}
+        return about | {name: getattr(self, name) for name in names}
+
+    def inputs(self, names: Sequence[str]) -> Rows:
+        """Return what a classifier with these inputs sees, (B, K) or (B, bands, M * M).
+
+        Columns are read now, a tensor stays in the set's shards until its rows are asked for.
+        """
+        numbers = np.arange(len(self.dataset))
+        if view_of(names) == COVARIANCE:
+            self.dataset.gather(names[0], numbers[:0])  # fails now if there is no such tensor
+            return Rows(partial(self.dataset.gather, names[0]), numbers, names)
+        return rows_of(np.stack([self.dataset[name] for name in names], axis=1), names)
+
+    def labels(self) -> Array:
+        """Return the target of every row, shape (B,), bool."""
+        return self.dataset[self.target].astype(bool)
+
+    def groups(self) -> Array:
+        """Return the unit that is never divided, of each row, shape (B,)."""
+        return self.dataset["group"] if self.split == "position" else np.arange(len(self.dataset))
+
+    def parts(self) -> Parts:
+        """Return the rows for training, validation and testing.
+
+        Raises:
+            BadValue: a part lacks one of the labels.
+        """
+        rest, test = split(self.groups(), share=self.test_share, seed=self.seed)
+        return self._divide(rest, test)
+
+    def folds(self, count: int) -> Iterator[Parts]:
+        """Yield `count` parts whose test rows together are all rows that `parts` does not test on.
+
+        Raises:
+            BadValue: a part lacks one of the labels.
+        """
+        groups, parts = self.groups(), self.parts()
+        known = np.sort(np.concatenate([parts.train, parts.validation]))
+        shuffled = np.random.default_rng(self.seed).permutation(np.unique(groups[known]))
+        for chosen in np.array_split(shuffled, count):
+            held = np.isin(groups[known], chosen)
+            yield self._divide(known[~held], known[held])
+
+    def _divide(self, rest: Array, test: Array) -> Parts:
+        first, second = split(self.groups()[rest], share=self.validation_share, seed=self.seed)
+        parts, y = Parts(rest[first], rest[second], test), self.labels()
+        for part, rows in parts._asdict().items():
+            count = int(y[rows].sum())
+            shown = f"{count} of {len(rows)} {self.target}"
+            check(
+                0 < count < len(rows),
+                f"{part} rows",
+                shown,
+                allowed="both classes",
+                hint="use a larger set",
+            )
+        return parts
+
+
+def split(groups: Array, *, share: float, seed: int) -> tuple[Array, Array]:
+    """Split rows so that no group falls on both sides.
+
+    Args:
+        groups: position of each row, shape (B,).
+        share: of the groups that go to the second part, 0 to 1.
+        seed: of the shuffle.
+
+    Returns:
+        Row indices of the first and of the second part, ascending.
+    """
+    check_number("share", share, low=0.0, high=1.0)
+    unique = np.unique(groups)
+    chosen = np.random.default_rng(seed).permutation(unique)[: round(share * len(unique))]
+    second = np.isin(groups, chosen)
+    return np.flatnonzero(~second), np.flatnonzero(second)

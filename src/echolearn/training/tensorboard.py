@@ -1,0 +1,77 @@
+"""TensorBoard, the same for every classifier, so that one dashboard compares an SVM with a network."""
+
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from torch.utils.tensorboard import SummaryWriter
+from torch.utils.tensorboard.summary import hparams
+
+from echolearn.acoustics.types import Array
+from echolearn.checks import BadValue
+
+
+def write_board(
+    folder: Path,
+    *,
+    parameters: Mapping[str, Any],
+    scalars: Mapping[str, float],
+    reference: Array,
+    confidence: Array,
+) -> None:
+    """Write hyperparameters, final figures and the test part's precision-recall curve into a run
+    folder.
+
+    Args:
+        folder: of the run; events already there (a network's losses) stay.
+        parameters: nested plain containers.
+        scalars: by tag, such as "test/auc".
+        reference: labels of the test part, shape (B,).
+        confidence: of the test part, shape (B,).
+    """
+    with SummaryWriter(log_dir=str(folder)) as writer:
+        for tag, value in scalars.items():
+            writer.add_scalar(tag, value)
+        writer.add_pr_curve("test/pr", reference, confidence)
+        for summary in hparams(flat(parameters), dict(scalars)):
+            writer.file_writer.add_summary(summary)
+
+
+def flat(parameters: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Return nested mappings as one, keys joined by dots; lists become text."""
+    result: dict[str, Any] = {}
+    for key, value in parameters.items():
+        if isinstance(value, Mapping):
+            result |= flat(value, f"{before}{key}.")
+        else:
+            result[before + str(key)] = (
+                value if isinstance(value, bool | int | float | str) else str(value)
+            )
+    return result
+
+
+@contextmanager
+def writable(folder: Path) -> Iterator[None]:
+    """Turn a failing disk within the block into one `BadValue`.
+
+    TensorBoard writes from a thread of its own, which would print a traceback besides raising in
+    the main thread.
+
+    Args:
+        folder: where the block writes, for the message.
+    """
+    before = threading.excepthook
+    threading.excepthook = lambda failed: (
+        None if isinstance(failed.exc_value, OSError) else before(failed)
+    )
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or error
+        raise BadValue(
+            f"{folder}: cannot be written ({reason}); make room and run the same command again"
+        ) from error
+    finally:
+        threading.excepthook = before

@@ -1,0 +1,208 @@
+"""Every YAML file: composed, built, and complete."""
+
+import ast
+import inspect
+import re
+import tempfile
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from echolearn.cli.config import TARGET, build, compose, find, folder
+from echolearn.dataset.plans import GridPlan, Plan, ScatteredPlan
+from echolearn.simulation.noise.diffuse import Diffuse
+from echolearn.simulation.noise.rotor import Rotor
+from echolearn.survey import audio
+
+COMMANDS = sorted(path.stem for path in folder().glob("*.yaml"))
+FILES = sorted(path for path in folder().glob("*/*.yaml") if path.parent.name != "experiment")
+PLANS = sorted(path.stem for path in (folder() / "plan").glob("*.yaml"))
+USED_BY = {"room": "survey", "classifier": "train"}
+"""A command that has the group; `generate` has the others."""
+
+
+HUM = Path(tempfile.mkdtemp()) / "hum.wav"
+HUM.write_bytes(audio.wav_bytes(np.sin(np.arange(5000)), 22050.0))
+NEEDED = {"diffuse=recorded": [f"diffuse.source.path={HUM}"]}
+"""What a file leaves to the user."""
+
+
+def name(path: Path) -> str:
+    """Return a file's group and option."""
+    return f"{path.parent.name}={path.stem}"
+
+
+@cache
+def composed(path: Path) -> dict[str, Any]:
+    """Return what stands at a group when this file is chosen for it."""
+    words = [name(path), *NEEDED.get(name(path), [])]
+    [(_, config)] = compose(USED_BY.get(path.parent.name, "generate"), words)
+    return config[path.parent.name]  # type: ignore[no-any-return]
+
+
+def calls(config: Any) -> list[dict[str, Any]]:
+    """Return every call inside a configuration."""
+    inner = (
+        config.values() if isinstance(config, dict) else config if isinstance(config, list) else ()
+    )
+    own = [config] if isinstance(config, dict) and TARGET in config else []
+    return own + [call for item in inner for call in calls(item)]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_composes_from_its_defaults(command: str) -> None:
+    [(_, config)] = compose(command, [])
+    assert config["runs"] == "runs"
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_every_file_begins_with_what_it_calls(path: Path) -> None:
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    assert lines[0].startswith(f"{TARGET}: echolearn.")
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_every_file_can_be_built(path: Path) -> None:
+    assert build(composed(path), path.parent.name) is not None
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_every_file_shows_all_keys_of_what_it_calls(path: Path) -> None:
+    """So the file is the manual, and an override is checked before anything runs."""
+    for call in calls(composed(path)):
+        assert (
+            call.keys() - {TARGET} == inspect.signature(find(call[TARGET], "")).parameters.keys()
+        ), call[TARGET]
+
+
+@cache
+def plan(option: str) -> Plan:
+    """Return a plan, built."""
+    built = build(composed(folder() / "plan" / f"{option}.yaml"), "plan")
+    assert isinstance(built, GridPlan | ScatteredPlan)
+    return built
+
+
+@pytest.mark.parametrize("option", PLANS)
+def test_a_plan_is_named_after_its_file(option: str) -> None:
+    assert plan(option).name == option
+
+
+def test_plans_draw_from_different_seeds_unless_they_are_small_copies() -> None:
+    seeds = {
+        option: plan(option).seed
+        for option in PLANS
+        if not option.startswith("tiny") and option != "paper_planar"
+    }
+    assert len(set(seeds.values())) == len(seeds)
+
+
+def test_both_readings_of_the_paper_have_its_1989_points() -> None:
+    paper, planar = plan("paper"), plan("paper_planar")
+    assert (len(paper), len(planar)) == (1989, 1989)
+    assert isinstance(paper, GridPlan)
+    assert isinstance(planar, GridPlan)
+    assert (len(paper.positions), len(planar.positions)) == (1989, 221)
+    assert paper.room.size == (10.0, 8.0, 6.0)
+    assert planar.room.walls == (1, 1, 1, 1, 0, 0)
+    assert paper.window.lags(paper.scene.array, 22050) == (116, 244)
+
+
+def test_the_scattered_set_is_as_wide_as_specified() -> None:
+    scattered = plan("scattered")
+    assert isinstance(scattered, ScatteredPlan)
+    assert len(scattered) >= 4000
+    assert (tuple(scattered.size_low), tuple(scattered.size_high)) == ((5, 5, 3), (14, 12, 7))
+    assert tuple(scattered.t60) == (0.3, 0.9)
+    assert tuple(scattered.snr_db) == (-40, 40)
+    assert scattered.window.rule == "general"
+
+
+def test_the_scattered_set_with_rotor_noise_is_scattered_but_for_the_rotors() -> None:
+    plain, rotor = plan("scattered"), plan("scattered_rotor")
+    assert isinstance(rotor, ScatteredPlan)
+    assert isinstance(rotor.scene.diffuse, Diffuse)
+    assert isinstance(rotor.scene.diffuse.source, Rotor)
+    assert tuple(rotor.sdnr_db or ()) == (-40, 40)
+    assert replace(
+        rotor, name=plain.name, seed=plain.seed, sdnr_db=None, scene=plain.scene
+    ) == replace(plain, scene=plain.scene)
+
+
+def test_a_plan_with_rotors_takes_another_field_where_one_is_chosen() -> None:
+    [(_, config)] = compose("generate", ["plan=scattered_rotor", "diffuse=recorded"])
+    assert (
+        config["plan"]["scene"]["diffuse"]["source"]["_target_"]
+        == "echolearn.simulation.noise.recorded.recorded"
+    )
+
+
+@pytest.mark.parametrize("option", [option for option in PLANS if option.startswith("offgrid")])
+def test_off_grid_sets_are_random_positions_in_the_room_of_their_name(option: str) -> None:
+    fixed = plan(option)
+    assert isinstance(fixed, ScatteredPlan)
+    size = tuple(float(length) for length in option.removeprefix("offgrid_").split("x"))
+    assert tuple(fixed.size_low) == tuple(fixed.size_high) == size
+    assert tuple(fixed.gain_db) == (0, 0)
+
+
+def test_the_comparison_asks_for_sets_that_have_plans_and_surveys_that_have_names() -> None:
+    config = yaml.safe_load((folder() / "compare.yaml").read_text())
+    assert set(config["tested"]) <= set(PLANS)
+    rooms = {path.stem for path in (folder() / "room").glob("*.yaml")}
+    levels = ["snr_db=-10,-5,0,10,40", f"room={','.join(sorted(rooms))}"]
+    assert set(config["surveys"]) <= {
+        job["name"] for _, job in compose("survey", levels, many=True)
+    }
+
+
+# ---------------------------------------------------------------- the page that shows how to add one
+
+PAGE = (Path(__file__).parents[2] / "docs" / "extend.md").read_text()
+SHOWN = dict(re.findall(r"^`conf/([\w/]+)\.yaml`:\n\n```yaml\n(.*?)^```", PAGE, flags=re.M | re.S))
+
+
+def attributes(target: str) -> set[str]:
+    """Return the arguments of a call, of one of the package or of a dataclass that the page shows
+    as a module."""
+    module, _, name = target.rpartition(".")
+    path = re.escape(f"src/{module.replace('.', '/')}.py")
+    shown = re.search(rf"`{path}`[.:]\n\n```python\n(.*?)^```", PAGE, flags=re.M | re.S)
+    if not shown:
+        return set(inspect.signature(find(target, "")).parameters)
+    [made] = [
+        node
+        for node in ast.parse(shown[1]).body
+        if isinstance(node, ast.ClassDef) and node.name == name
+    ]
+    fields = [
+        node
+        for node in made.body
+        if isinstance(node, ast.AnnAssign) and "init=False" not in ast.unparse(node)
+    ]
+    return {ast.unparse(field.target) for field in fields}
+
+
+def test_the_page_shows_a_file_of_each_kind() -> None:
+    assert {name.partition("/")[0] for name in SHOWN} >= {
+        "classifier",
+        "localizer",
+        "noise",
+        "room",
+        "plan",
+        "engine",
+    }
+    assert len(SHOWN) == len(re.findall(r"^_target_: ", PAGE, flags=re.M))
+
+
+@pytest.mark.parametrize("shown", SHOWN)
+def test_what_the_page_shows_has_all_keys_of_what_it_calls(shown: str) -> None:
+    """So that it passes the tests above once it is pasted; `defaults` give a classifier its inputs."""
+    for call in calls(yaml.safe_load(SHOWN[shown])):
+        given = {"inputs" if key == "defaults" else key for key in call}
+        assert given - {TARGET} == attributes(call[TARGET]), call[TARGET]

@@ -1,0 +1,157 @@
+"""Many jobs, wherever they run: all are done, failures are named, results come in order, each has
+one thread."""
+
+import errno
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from echolearn.cli.config import UsageError
+from echolearn.cli.sweeps import JobsFailed, complaint, run_all
+
+ROOTS = [(f"x={x:g}", x) for x in (4.0, -1.0, 9.0, -4.0, 2.25)]
+
+HERE: dict[str, Any] = {}
+PROCESSES = {"workers": 2}
+SUBMITTED = {"launcher": ["hydra/launcher=submitit_local", "hydra.launcher.timeout_min=2"]}
+JOBLIB = {"launcher": ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]}
+SLURM = {
+    "launcher": [
+        "hydra/launcher=submitit_slurm",
+        "hydra.launcher.partition=short",
+        "hydra.launcher.timeout_min=2",
+    ]
+}
+BASIC = {"launcher": ["hydra/launcher=basic"]}
+EVERYWHERE = {
+    "here": HERE,
+    "processes": PROCESSES,
+    "basic": BASIC,
+    "joblib": JOBLIB,
+    "submitit": SUBMITTED,
+    "slurm": SLURM,
+}
+
+
+@pytest.fixture(autouse=True)
+def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Put a SLURM on the path that runs its jobs on this machine; return where it keeps them."""
+    home = tmp_path.with_name(f"{tmp_path.name}-slurm")
+    monkeypatch.setenv("PATH", f"{Path(__file__).parent / 'slurm'}:{os.environ['PATH']}")
+    monkeypatch.setenv("SLURM_HOME", str(home))
+    return home
+
+
+@pytest.mark.parametrize("where", EVERYWHERE)
+def test_all_jobs_are_done_and_failures_are_named(
+    where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(JobsFailed, match=r"^2 of 5 jobs failed: x=-1; x=-4$"):
+        run_all(math.sqrt, ROOTS, place=tmp_path / "it's = here", **EVERYWHERE[where])
+    out, err = capsys.readouterr()
+    assert out.split() == ["2.0", "3.0", "1.5"]
+    failures = [line for line in err.splitlines() if "error" in line]
+    assert failures == [f"error: x={x}: ValueError: math domain error" for x in (-1, -4)]
+    assert {path.name for path in tmp_path.iterdir()} == (
+        {"it's = here"} if "launcher" in EVERYWHERE[where] else set()
+    )
+
+
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [
+        (errno.EACCES, "runs/a b: Permission denied; may you read and write there?"),
+        (errno.ENOTDIR, "runs/a b: Not a directory; there is a file where a folder should be"),
+        (errno.ENAMETOOLONG, "runs/a b: File name too long; choose a shorter name"),
+        (errno.EIO, "runs/a b: Input/output error; is it the right one?"),
+    ],
+)
+def test_errors_of_the_system_name_the_file_and_what_to_do(number: int, said: str) -> None:
+    error = OSError(number, os.strerror(number), "runs/a\nb")
+    assert complaint(error, trace=False, about="seed=1: ") == f"error: seed=1: {said}"
+    assert complaint(OSError("odd"), trace=False) == "error: OSError: odd"
+
+
+@pytest.mark.parametrize("where", ["processes", "joblib"])
+def test_processes_compute_with_one_thread(
+    where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    run_all(
+        os.getenv,
+        [("a", "OMP_NUM_THREADS"), ("b", "NUMBA_NUM_THREADS")],
+        place=tmp_path,
+        **EVERYWHERE[where],
+    )
+    assert capsys.readouterr().out.split() == ["1", "1"]
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+
+
+SLEEPERS = """
+import time
+from echolearn.cli.sweeps import run_all
+run_all(time.sleep, [("one", 0), ("two", 60), ("three", 60), ("four", 60)], workers=2)
+"""
+
+
+def test_an_interrupt_ends_all_processes_at_once() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", SLEEPERS], start_new_session=True, stderr=subprocess.PIPE
+    ) as process:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        deadline = time.monotonic() + 30
+        while (
+            len(children.read_text().split()) < 2 and time.monotonic() < deadline
+        ):  # 3 if they are not forked
+            time.sleep(0.05)
+        time.sleep(1.0)
+        began = time.monotonic()
+        os.killpg(process.pid, signal.SIGINT)
+        err = process.communicate(timeout=40)[1]
+    assert time.monotonic() - began < 20
+    assert b"KeyboardInterrupt" in err
+
+
+def test_a_traceback_comes_from_where_the_error_arose(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(JobsFailed):
+        run_all(math.sqrt, [("x=-1", -1.0)], workers=2, trace=True)
+    err = capsys.readouterr().err
+    assert "Traceback (most recent call last)" in err
+    assert err.endswith("error: x=-1: ValueError: math domain error\n")
+
+
+def test_a_job_without_a_result_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    run_all(os.getenv, [("none", "NO_SUCH_VARIABLE")])
+    assert capsys.readouterr() == ("", "")
+
+
+def test_slurm_is_asked_for_an_array_of_jobs_of_one_thread(
+    tmp_path: Path, slurm: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    run_all(
+        os.getenv, [("a", "OMP_NUM_THREADS"), ("b", "SLURM_ARRAY_TASK_ID")], place=tmp_path, **SLURM
+    )
+    assert capsys.readouterr().out.split() == ["1", "1"]
+    [script] = slurm.glob("*.sh")
+    asked = set(script.read_text().splitlines())
+    assert asked >= {
+        "#SBATCH --array=0-1%2",
+        "#SBATCH --partition=short",
+        "#SBATCH --time=2",
+        "#SBATCH --nodes=1",
+    }
+
+
+def test_a_launcher_that_is_not_there_is_one_mistake_of_the_command_line(tmp_path: Path) -> None:
+    with pytest.raises(
+        UsageError, match=r"(?s)^hydra/launcher=moon: .*; pip install 'echolearn\[cluster\]'$"
+    ):
+        run_all(math.sqrt, ROOTS, launcher=["hydra/launcher=moon"], place=tmp_path)

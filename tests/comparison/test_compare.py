@@ -1,0 +1,455 @@
+"""A comparison from trained runs to files on the disk: what is in them, when it is made again, and
+what stops it."""
+
+import csv
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from echolearn.checks import BadValue
+from echolearn.comparison import report
+from echolearn.comparison.compare import (
+    _is_finished,
+    against_yardstick,
+    compare,
+    find_set,
+    find_survey,
+    to_csv,
+)
+from echolearn.comparison.tables import Comparison, pick
+from echolearn.evaluation import metrics
+from echolearn.evaluation.scoring import Answer, Row, Sheet
+from echolearn.storage import manifests
+from echolearn.training.runs import answer_map, answer_set, load_runs
+from echolearn.training.split import Task
+from world import TRAINED, WALKS, World
+
+RESULTS = "classifier,trained_on,tested_on,seed,snr_db,noise,metric,value,ci_low,ci_high,n"
+TESTS = "classifier,against,trained_on,tested_on,snr_db,metric,difference,ci_low,ci_high,p,p_holm,n"
+YARDSTICKS = {"keep_everything", "keep_nothing", "oracle", "chance"}
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a CSV file."""
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def results(compared: Path) -> list[dict[str, str]]:
+    return table(compared / "results.csv")
+
+
+def value(rows: Sequence[Row], **wanted: Any) -> float:
+    """Return the one value of the row that is wanted."""
+    [row] = pick(rows, **wanted)
+    return float(row["value"])
+
+
+# ---------------------------------------------------------------- results.csv
+
+
+def test_the_columns_are_the_documented_ones(compared: Path) -> None:
+    documented = (Path(__file__).parents[2] / "docs" / "formats.md").read_text()
+    for name, columns in (("results.csv", RESULTS), ("tests.csv", TESTS)):
+        assert (compared / name).read_text().splitlines()[0] == columns
+        assert all(f"`{column}`" in documented for column in columns.split(","))
+
+
+def test_everyone_is_judged_everywhere(results: list[dict[str, str]], world: World) -> None:
+    pairs = {(name, plan) for plan, _, names in TRAINED for name in names}
+    walks = [f"{walk}/{localizer}" for walk in WALKS for localizer in ("gated", "snls")]
+    whole = pick(results, seed="", metric="balanced_accuracy")
+    everyone = pairs | {(name, "-") for name in YARDSTICKS}
+    for place in world.sets:
+        here = pick(whole, tested_on=place, snr_db="")
+        assert sorted((r["classifier"], r["trained_on"]) for r in here) == sorted(
+            pairs | {("chance", "-")}
+        )
+    for place, snr_db in zip(walks, ("0", "0", "-10", "-10"), strict=True):
+        here = pick(whole, tested_on=place)
+        assert sorted((r["classifier"], r["trained_on"]) for r in here) == sorted(everyone)
+        assert {r["snr_db"] for r in here} == {snr_db}
+    assert {r["tested_on"] for r in results} == {*world.sets, *walks}
+
+
+def test_no_figure_is_given_twice(results: list[dict[str, str]]) -> None:
+    keys = [tuple(row[c] for c in RESULTS.split(",")[:5]) + (row["metric"],) for row in results]
+    assert len(keys) == len(set(keys))
+
+
+def test_an_empty_seed_is_the_mean_over_seeds(results: list[dict[str, str]]) -> None:
+    seeded = [row for row in results if row["seed"]]
+    assert {(row["trained_on"], row["seed"]) for row in seeded} == {
+        ("scattered", "0"),
+        ("scattered", "1"),
+    }
+    names = ("classifier", "trained_on", "tested_on", "snr_db", "metric")
+    for row in pick(seeded, seed="0"):
+        same = {name: row[name] for name in names}
+        each = [pick(seeded, seed=seed, **same)[0]["value"] for seed in ("0", "1")]
+        [mean] = pick(results, seed="", **same)
+        if all(each):
+            assert float(mean["value"]) == pytest.approx(
+                np.mean([float(v) for v in each]), abs=2e-6
+            )
+        else:
+            assert mean["value"] == ""
+
+
+def test_intervals_hold_their_value_nearly_always(results: list[dict[str, str]]) -> None:
+    """A percentile interval need not, but seldom does not; only means over seeds have one."""
+    assert not any(row["ci_low"] or row["ci_high"] for row in results if row["seed"])
+    bounded = [row for row in results if row["ci_low"]]
+    inside = [
+        float(row["ci_low"]) <= float(row["value"]) <= float(row["ci_high"]) for row in bounded
+    ]
+    assert np.mean(inside) > 0.95
+    assert np.mean([row["ci_low"] < row["ci_high"] for row in pick(bounded, metric="auc")]) > 0.5
+
+
+def test_yardsticks_are_what_they_say(results: list[dict[str, str]], contest: Comparison) -> None:
+    for (walk, localizer), heard in contest.heard.items():
+        here = pick(results, tested_on=f"{walk}/{localizer}", trained_on="-")
+        share = heard.sheet.reference.mean()
+        assert value(here, classifier="oracle", metric="balanced_accuracy") == 1.0
+        assert value(here, classifier="keep_everything", metric="precision") == pytest.approx(
+            share, abs=1e-6
+        )
+        assert value(here, classifier="keep_everything", metric="true_retention") == 1.0
+        [nothing] = pick(here, classifier="keep_nothing", metric="precision")
+        assert (nothing["value"], nothing["ci_low"]) == ("", "")
+        assert int(nothing["n"]) == len(heard.points)
+
+
+def test_a_run_is_judged_on_its_own_set_by_what_it_held_out(
+    results: list[dict[str, str]], contest: Comparison
+) -> None:
+    for (name, source), runs in contest.runs.items():
+        where = {"classifier": name, "trained_on": source, "tested_on": source, "snr_db": ""}
+        for metric in ("auc", "balanced_accuracy"):
+            expected = np.mean([run.metrics["test"][metric] for run in runs])
+            assert value(results, seed="", metric=metric, **where) == pytest.approx(
+                expected, abs=1e-5
+            )
+        assert {row["n"] for row in pick(results, **where)} == {
+            str(runs[0].metrics["rows"]["test"])
+        }
+
+
+def test_on_a_set_that_any_was_trained_on_all_are_judged_by_held_out_rows(
+    results: list[dict[str, str]], contest: Comparison
+) -> None:
+    dataset = contest.sets["scattered"]
+    [run] = contest.runs["svm_pair", "grid"]
+    where = {"classifier": "svm_pair", "trained_on": "grid", "tested_on": "scattered", "snr_db": ""}
+    rows = Task(dataset, seed=run.seed).parts().test
+    expected = metrics.auc(dataset["reflector"][rows], answer_set(run, dataset).confidence[rows])
+    assert value(results, metric="auc", **where) == pytest.approx(float(expected), abs=1e-6)
+    assert {row["n"] for row in pick(results, **where)} == {"28"}
+
+
+def test_elsewhere_it_is_judged_by_every_row(
+    results: list[dict[str, str]], contest: Comparison
+) -> None:
+    dataset = contest.sets["offgrid_hall"]
+    where = {
+        "classifier": "svm_pair",
+        "trained_on": "scattered",
+        "tested_on": "offgrid_hall",
+        "snr_db": "",
+    }
+    for run in contest.runs["svm_pair", "scattered"]:
+        expected = metrics.auc(dataset["reflector"], answer_set(run, dataset).confidence)
+        assert value(results, seed=str(run.seed), metric="auc", **where) == pytest.approx(
+            float(expected), abs=1e-6
+        )
+    assert {row["n"] for row in pick(results, **where)} == {"60"}
+
+
+# ---------------------------------------------------------------- tests.csv
+
+
+def test_classifiers_are_tested_where_they_are_new_and_points_have_one_direction(
+    compared: Path,
+) -> None:
+    tests = table(compared / "tests.csv")
+    places = {("offgrid_hall", "auc"), *((f"{walk}/gated", "balanced_accuracy") for walk in WALKS)}
+    assert {(t["tested_on"], t["metric"]) for t in tests} == places
+    tested = {("svm_pair", "scattered"), ("trees_features", "scattered"), ("svm_pair", "grid")}
+    for place, _ in places:
+        assert {(t["classifier"], t["trained_on"]) for t in pick(tests, tested_on=place)} == tested
+    assert {t["against"] for t in tests} == {"threshold_peak"}
+
+
+def test_a_difference_of_maps_is_that_of_the_results(compared: Path, contest: Comparison) -> None:
+    """Over the seeds that both have."""
+    for test in pick(table(compared / "tests.csv"), metric="balanced_accuracy"):
+        walk, localizer = test["tested_on"].split("/")
+        heard = contest.heard[walk, localizer]
+        both = [
+            contest.runs[name, test["trained_on"]]
+            for name in (test["classifier"], "threshold_peak")
+        ]
+        seeds = {run.seed for run in both[0]} & {run.seed for run in both[1]}
+        shares = []
+        for runs in both:
+            given = [answer_map(run, heard) for run in runs if run.seed in seeds]
+            kept = [answer.confidence >= answer.threshold for answer in given]
+            shares.append(
+                np.mean([metrics.balanced_accuracy(heard.sheet.reference, each) for each in kept])
+            )
+        assert float(test["difference"]) == pytest.approx(shares[0] - shares[1], abs=1e-6)
+        assert float(test["ci_low"]) <= float(test["difference"]) <= float(test["ci_high"])
+
+
+def test_p_values_are_corrected_within_their_metric(compared: Path) -> None:
+    tests = table(compared / "tests.csv")
+    families = {(test["metric"], test["trained_on"]) for test in tests}
+    assert len(families) > 2
+    for metric, source in families:
+        family = sorted(
+            pick(tests, metric=metric, trained_on=source), key=lambda test: float(test["p"])
+        )
+        worst = 0.0
+        for rank, test in enumerate(family):
+            worst = max(worst, min(1.0, float(test["p"]) * (len(family) - rank)))
+            assert float(test["p_holm"]) == pytest.approx(worst, abs=1e-5)
+
+
+def test_seeds_that_the_threshold_lacks_are_not_tested() -> None:
+    """The comparison goes on without this test."""
+    reference = np.array([True, False] * 6)
+    sheet = Sheet("set", reference, np.arange(12), np.zeros(12), np.ones((20, 12)))
+    given = {
+        ("threshold_peak", "set"): [
+            Answer(seed, np.arange(12), reference * 0.5, 0.4) for seed in (0, 1)
+        ],
+        ("late", "set"): [Answer(2, np.arange(12), reference * 1.0, 0.5)],
+        ("early", "set"): [Answer(1, np.arange(12), reference * 1.0, 0.5)],
+        ("stray", "other"): [Answer(0, np.arange(12), reference * 1.0, 0.5)],
+    }
+    assert [
+        row["classifier"] for row in against_yardstick(given, sheet, metric="auc", snr_db="")
+    ] == ["early"]
+
+
+# ---------------------------------------------------------------- bytes, and what is made again
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return every file's bytes by name."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_the_number_of_workers_changes_nothing(
+    world: World, compared: Path, tmp_path: Path
+) -> None:
+    for part in ("data", "survey", "train"):
+        (tmp_path / part).symlink_to(world.runs / part)
+    again = compare(name="small", workers=2, **world.arguments | {"runs": tmp_path})
+    assert contents(again) == contents(compared)
+
+
+def test_a_finished_comparison_is_shown_again(
+    world: World, compared: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path: path.stat().st_mtime_ns for path in compared.rglob("*")}
+    capsys.readouterr()
+    assert compare(name="small", workers=2, **world.arguments) == compared
+    assert {path: path.stat().st_mtime_ns for path in compared.rglob("*")} == before
+    shown = capsys.readouterr()
+    assert shown.out.startswith((compared / "table.md").read_text())
+    assert shown.out.endswith(f"{compared / 'report.html'}\n") and shown.err == ""
+
+
+def test_other_inputs_are_judged_anew(world: World, compared: Path, tmp_path: Path) -> None:
+    """Under the same name: sets alone, a run fewer, a README to fill, and the damage of a report
+    mended."""
+    for part in ("data", "survey"):
+        (tmp_path / part).symlink_to(world.runs / part)
+    shutil.copytree(world.runs / "train", tmp_path / "train")
+    shutil.rmtree(next((tmp_path / "train").glob("svm_pair-scattered-s1-*")))
+    shutil.copytree(compared, tmp_path / "compare" / "small")
+    readme = tmp_path / "README.md"
+    readme.write_text(f"before\n{report.RESULTS.begin}\n{report.RESULTS.end}\nafter\n")
+    changed = world.arguments | {"tested": ["offgrid_hall"], "surveys": [], "runs": tmp_path}
+    command = "echolearn compare 'surveys=[]'"
+    folder = compare(name="small", readme=readme, command=command, **changed)
+    rows = table(folder / "results.csv")
+    assert {row["tested_on"] for row in rows} == {"offgrid_hall"}
+    assert {row["seed"] for row in pick(rows, classifier="svm_pair")} == {""}
+    manifest = manifests.verify(folder)
+    assert manifest["command"] == command
+    assert set(manifest["inputs"]["runs"]) == {run.identity for run in load_runs(tmp_path)}
+    assert set(manifest["files"]) == {
+        "results.csv", "tests.csv", "report.html", "table.md",
+        "figures/arrival_times.svg", "figures/bands.svg", "figures/belief.svg",
+    }  # fmt: skip
+    assert (
+        readme.read_text()
+        == f"before\n{report.RESULTS.begin}\n{(folder / 'table.md').read_text()}\n{report.RESULTS.end}\nafter\n"
+    )
+
+
+INPUTS = "runs sets surveys localizers resamples report".split()
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_every_input_is_part_of_the_identity(compared: Path, name: str) -> None:
+    inputs = manifests.load_manifest(compared)["inputs"]
+    assert set(inputs) == set(INPUTS)
+    assert _is_finished(compared, inputs)
+    assert not _is_finished(compared, inputs | {name: "another"})
+
+
+@pytest.mark.parametrize("name", ["report.html", "figures/bands.svg", "manifest.json"])
+def test_a_damaged_comparison_is_not_finished(compared: Path, tmp_path: Path, name: str) -> None:
+    folder = Path(shutil.copytree(compared, tmp_path / "copy"))
+    inputs = manifests.load_manifest(folder)["inputs"]
+    content = bytearray((folder / name).read_bytes())
+    content[len(content) // 2] ^= 1
+    (folder / name).write_bytes(bytes(content))
+    assert not _is_finished(folder, inputs)
+
+
+# ---------------------------------------------------------------- what stops it
+
+
+@pytest.fixture
+def copied(world: World, tmp_path: Path) -> Path:
+    """Return a world of which things can be broken: recordings are copied, sets and runs as well."""
+    return Path(
+        shutil.copytree(
+            world.runs, tmp_path / "runs", ignore=shutil.ignore_patterns("compare", "events*")
+        )
+    )
+
+
+BAD: dict[str, tuple[dict[str, Any], str]] = {
+    "set": (
+        {"tested": ["grid", "paper"]},
+        "tested=paper: the name of exactly one finished set; run `echolearn generate plan=paper`",
+    ),
+    "no set": ({"tested": []}, "tested=[]: at least one set"),
+    "survey": (
+        {"surveys": ["barn_0dB"]},
+        "surveys=barn_0dB: the name of a finished survey; run `echolearn survey` for its room and snr_db",
+    ),
+    "localizer": ({"localizers": {}}, "localizers={}: at least one to hear the surveys"),
+    "resamples": (
+        {"resamples": "many"},
+        "resamples=many: a number from 20 to 100000; was text given for a number?",
+    ),
+    "workers": ({"workers": 0}, "workers=0: a number from 1 to 1024"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_arguments_are_one_line_and_leave_nothing(world: World, what: str) -> None:
+    changes, message = BAD[what]
+    with pytest.raises(BadValue) as caught:
+        compare(name="bad", **world.arguments | changes)
+    assert str(caught.value) == message
+    assert not (world.runs / "compare" / "bad").exists()
+
+
+def test_without_runs_there_is_nothing_to_compare(world: World, tmp_path: Path) -> None:
+    (tmp_path / "data").symlink_to(world.runs / "data")
+    with pytest.raises(
+        BadValue, match=r"^runs=.*: a folder with trained runs; run `echolearn train` first$"
+    ):
+        compare(name="bad", **world.arguments | {"runs": tmp_path})
+
+
+def test_a_readme_without_markers_stops_it_before_any_work(world: World, tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("no markers\n")
+    with pytest.raises(BadValue, match="readme="):
+        compare(name="bad", readme=tmp_path / "README.md", **world.arguments)
+    assert not (world.runs / "compare" / "bad").exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["survey/hall_0dB/observations/0007.wav", "survey/hall_0dB/survey.yaml"]
+)
+def test_a_damaged_survey_stops_it(world: World, copied: Path, name: str) -> None:
+    flip(copied / name)
+    with pytest.raises(BadValue, match=f"{name}: damaged, its SHA-256 differs; make it again"):
+        compare(name="bad", **world.arguments | {"runs": copied})
+
+
+def test_a_damaged_set_stops_it(world: World, copied: Path) -> None:
+    flip(next(copied.glob("data/offgrid*/shard-00000.npy")))
+    with pytest.raises(BadValue, match="shard-00000.npy: damaged"):
+        compare(name="bad", **world.arguments | {"runs": copied})
+
+
+@pytest.mark.parametrize("name", ["model.onnx", "metrics.json"])
+def test_a_damaged_run_stops_it(world: World, copied: Path, name: str) -> None:
+    flip(next(copied.glob(f"train/svm_pair-grid-s0-*/{name}")))
+    with pytest.raises(BadValue, match=rf"svm_pair-grid-s0-\w+/{name}: (damaged|cannot be read)"):
+        compare(name="bad", **world.arguments | {"runs": copied})
+    assert not (copied / "compare" / "bad").exists()
+
+
+@pytest.mark.parametrize("key", ["tested", "surveys"])
+def test_what_is_named_twice_is_refused(world: World, tmp_path: Path, key: str) -> None:
+    name = world.arguments[key][0]
+    with pytest.raises(BadValue, match=f"^{key}={name}, {name}: each name once$"):
+        compare(name="twice", **world.arguments | {key: [name, name], "runs": tmp_path})
+
+
+def flip(path: Path) -> None:
+    """Turn one bit in the middle of a file."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(bytes(content))
+
+
+def test_two_sets_of_one_name_are_one_too_many(world: World, tmp_path: Path) -> None:
+    for number in range(2):
+        folder = tmp_path / "data" / f"grid-{number:012x}"
+        shutil.copytree(world.sets["grid"].folder, folder)
+    with pytest.raises(
+        BadValue, match=r"^tested=grid: .*; remove the outdated: .*grid-0+, .*grid-0+1$"
+    ):
+        find_set(tmp_path, "grid")
+
+
+def test_a_set_is_found_by_its_whole_name(world: World, tmp_path: Path) -> None:
+    for name in ("grid", "grid-fine", "grid_planar"):
+        shutil.copytree(world.sets["grid"].folder, tmp_path / "data" / f"{name}-0123456789ab")
+    for name in ("grid", "grid_planar"):
+        assert find_set(tmp_path, name).name == f"{name}-0123456789ab"
+    with pytest.raises(BadValue, match="tested=planar"):
+        find_set(tmp_path, "planar")
+    (tmp_path / "data" / "grid-0123456789ab" / "manifest.json").unlink()
+    with pytest.raises(BadValue, match="run `echolearn generate plan=grid`"):
+        find_set(tmp_path, "grid")
+
+
+def test_a_survey_is_found_once_it_is_finished(world: World, tmp_path: Path) -> None:
+    assert find_survey(world.runs, WALKS[0]) == world.runs / "survey" / WALKS[0]
+    (tmp_path / "survey" / "half").mkdir(parents=True)
+    with pytest.raises(BadValue, match="surveys=half"):
+        find_survey(tmp_path, "half")
+
+
+# ---------------------------------------------------------------- CSV
+
+
+def test_csv_by_hand() -> None:
+    rows = [
+        {"a": 1 / 3, "b": "x,y", "c": 2, "d": 0},
+        {"a": float("nan"), "b": "", "c": np.float64(1e-9), "d": 0},
+    ]
+    assert to_csv(rows, ["b", "a", "c"]) == b'b,a,c\n"x,y",0.333333,2\n,,0.0\n'
+    assert to_csv([], ["a", "b"]) == b"a,b\n"

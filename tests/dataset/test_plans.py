@@ -1,0 +1,269 @@
+"""Plans: the numbers of the paper, and rows that depend on their own number alone."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from echolearn.acoustics.geometry import SearchWindow
+from echolearn.acoustics.types import Room
+from echolearn.checks import BadValue
+from echolearn.dataset.plans import GridPlan, Plan, ScatteredPlan, Spot
+from echolearn.localization.methods.gated import Gated
+from echolearn.simulation.noise.diffuse import Diffuse
+from echolearn.simulation.noise.rotor import Rotor
+from echolearn.simulation.scene import Scene
+
+CONFIGS = sorted((Path(__file__).parents[2] / "conf" / "plan").glob("*.yaml"))
+KINDS = {
+    "echolearn.dataset.plans.GridPlan": GridPlan,
+    "echolearn.dataset.plans.ScatteredPlan": ScatteredPlan,
+}
+
+
+def configured(path: Path, scene: Scene) -> Plan:
+    """Build the plan that a YAML file writes down, with this scene."""
+    content: dict[str, Any] = yaml.safe_load(path.read_text())
+    kind = KINDS[content.pop("_target_")]
+    content.pop("defaults", None)
+    scene = scene if content["sdnr_db"] is None else replace(scene, diffuse=Diffuse(Rotor()))
+    for key, noun in (("room", Room), ("window", SearchWindow)):
+        if key in content:
+            content[key] = noun(**{k: v for k, v in content[key].items() if k != "_target_"})
+    return kind(**{**content, "scene": scene, "localizer": Gated(content["window"])})
+
+
+@pytest.fixture(scope="module")
+def plans(scene: Scene) -> dict[str, Plan]:
+    """Return every configured plan by the name of its file."""
+    return {path.stem: configured(path, scene) for path in CONFIGS}
+
+
+def spots(plan: Plan, rows: range) -> list[Spot]:
+    """Draw rows of a plan, each from its own seed."""
+    return [
+        plan.spot(row, np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(row,))))
+        for row in rows
+    ]
+
+
+def place(spot: Spot) -> tuple[Any, ...]:
+    """Return all of a spot as something that compares."""
+    return (
+        spot.room,
+        tuple(spot.pose.position),
+        spot.pose.heading,
+        spot.snr_db,
+        spot.gain_db,
+        spot.group,
+        spot.sdnr_db,
+    )
+
+
+# ---------------------------------------------------------------- the paper's numbers
+
+
+def test_the_papers_grid_is_17_x_13_x_9(plans: dict[str, Plan]) -> None:
+    plan = plans["paper"]
+    assert isinstance(plan, GridPlan)
+    assert [len(np.unique(axis)) for axis in plan.positions.T] == [17, 13, 9]
+    assert len(plan) == 17 * 13 * 9 == 1989
+    assert plan.positions.min(axis=0).tolist() == [1, 1, 1]
+    assert plan.positions.max(axis=0).tolist() == [9, 7, 5]
+    assert {spot.group for spot in spots(plan, range(1989))} == set(range(1989))
+
+
+def test_the_planar_reading_is_221_positions_at_9_snrs(plans: dict[str, Plan]) -> None:
+    plan = plans["paper_planar"]
+    assert isinstance(plan, GridPlan)
+    drawn = spots(plan, range(len(plan)))
+    assert len(drawn) == 221 * 9 == 1989
+    assert {spot.pose.position[2] for spot in drawn} == {3.5}
+    assert [spot.snr_db for spot in drawn[:9]] == [-40, -30, -20, -10, 0, 10, 20, 30, 40]
+    assert [sum(spot.group == group for spot in drawn) for group in range(221)] == [9] * 221
+    assert plan.room.walls[4:] == (0.0, 0.0)
+
+
+def test_the_papers_snr_is_uniform_from_minus_40_to_40(plans: dict[str, Plan]) -> None:
+    levels = np.array([spot.snr_db for spot in spots(plans["paper"], range(1989))])
+    assert levels.min() >= -40
+    assert levels.max() <= 40
+    counts, _ = np.histogram(levels, 8, (-40, 40))
+    assert (np.abs(counts - 1989 / 8) < 5 * np.sqrt(1989 / 8)).all()
+
+
+def test_off_grid_rooms_are_the_map_rooms(plans: dict[str, Plan]) -> None:
+    for name, size in (
+        ("offgrid_8x6x5", (8, 6, 5)),
+        ("offgrid_13x11x5", (13, 11, 5)),
+        ("offgrid_10x8x6", (10, 8, 6)),
+    ):
+        assert {spot.room.size for spot in spots(plans[name], range(5))} == {size}
+
+
+def test_every_configured_plan_is_named_after_its_file_and_has_its_own_seed(
+    plans: dict[str, Plan],
+) -> None:
+    assert all(plan.name == name for name, plan in plans.items())
+    evaluated = [
+        plan.seed for name, plan in plans.items() if "tiny" not in name and name != "paper_planar"
+    ]
+    assert len(set(evaluated)) == len(evaluated)
+
+
+# ---------------------------------------------------------------- rows
+
+
+def test_rows_depend_on_their_number_alone(plans: dict[str, Plan]) -> None:
+    for plan in plans.values():
+        ahead, back = spots(plan, range(12)), spots(plan, range(11, -1, -1))
+        assert [place(spot) for spot in ahead] == [place(spot) for spot in reversed(back)]
+
+
+def test_another_seed_is_another_set(plans: dict[str, Plan]) -> None:
+    for name in ("paper", "scattered"):
+        assert (
+            spots(plans[name], range(3))[0].snr_db
+            != spots(replace(plans[name], seed=99), range(3))[0].snr_db
+        )
+
+
+def test_scattered_rows_stay_in_their_ranges_and_fill_them(plans: dict[str, Plan]) -> None:
+    plan = plans["scattered"]
+    assert isinstance(plan, ScatteredPlan)
+    drawn = spots(plan, range(1500))
+    size, position = (
+        np.array(v) for v in zip(*((s.room.size, s.pose.position) for s in drawn), strict=True)
+    )
+    values = {
+        "t60": (np.array([s.room.t60 for s in drawn]), plan.t60),
+        "snr_db": (np.array([s.snr_db for s in drawn]), plan.snr_db),
+        "gain_db": (np.array([s.gain_db for s in drawn]), plan.gain_db),
+        "heading": (np.array([s.pose.heading for s in drawn]), (-np.pi, np.pi)),
+        "wall_factor": (np.array([s.room.walls for s in drawn]), plan.wall_factor),
+        **{
+            f"size {axis}": (size[:, axis], (plan.size_low[axis], plan.size_high[axis]))
+            for axis in range(3)
+        },
+        **{f"place {axis}": ((position / size)[:, axis], (0, 1)) for axis in range(3)},
+    }
+    for name, (value, (low, high)) in values.items():
+        assert value.min() >= low, name
+        assert value.max() <= high, name
+        if not name.startswith("place"):
+            assert value.min() < low + 0.02 * (high - low), name
+            assert value.max() > high - 0.02 * (high - low), name
+    assert (position >= plan.margin).all()
+    assert (size - position >= plan.margin).all()
+    assert [s.group for s in drawn] == list(range(1500))
+
+
+def test_rotor_noise_has_a_level_of_its_own_and_changes_nothing_else_about_a_row(
+    plans: dict[str, Plan],
+) -> None:
+    plan = plans["scattered_rotor"]
+    assert isinstance(plan, ScatteredPlan)
+    drawn = spots(plan, range(1000))
+    sdnr, snr = (np.array([getattr(spot, key) for spot in drawn]) for key in ("sdnr_db", "snr_db"))
+    assert (sdnr.min() < -39, sdnr.max() > 39, np.abs(sdnr).max() <= 40) == (True, True, True)
+    assert abs(np.corrcoef(sdnr, snr)[0, 1]) < 5 / np.sqrt(1000)
+    quiet = replace(plan, sdnr_db=None, scene=replace(plan.scene, diffuse=None))
+    assert [place(spot)[:-1] for spot in spots(quiet, range(9))] == [
+        place(spot)[:-1] for spot in drawn[:9]
+    ]
+
+
+def test_sensor_noise_may_be_absent_where_rotors_are_heard(plans: dict[str, Plan]) -> None:
+    alone = replace(plans["scattered_rotor"], snr_db=None)
+    assert {spot.snr_db for spot in spots(alone, range(3))} == {None}
+    scene = plans["scattered_rotor"].scene
+    grid = replace(plans["paper"], snr_db=None, sdnr_db=(-10.0, 0.0), scene=scene)
+    assert {spot.snr_db for spot in spots(grid, range(3))} == {None}
+    assert all(-10 <= (spot.sdnr_db or 0) <= 0 for spot in spots(grid, range(3)))
+
+
+def test_scattered_wall_distances_cannot_be_memorised(plans: dict[str, Plan]) -> None:
+    """On the grid three distances fall into 1 ... 2 m; scattered rows have as many as rows."""
+    for name, expected in (("paper", 3), ("scattered", None)):
+        nearest = [
+            np.minimum(s.pose.position, s.room.size - s.pose.position).min()
+            for s in spots(plans[name], range(400))
+        ]
+        distinct = len({round(float(d), 6) for d in nearest if d <= 2.0})
+        assert distinct == expected if expected else distinct > 200
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("paper", {"step": 0}, "plan.step=0 m: a number from 0.01"),
+        ("paper", {"step": "half"}, "plan.step=half m"),
+        ("paper", {"margin": 4.5}, "plan.margin=4.5 m"),
+        ("paper", {"margin": 0.1}, "pose.position=(0.1, 0.1, 0.1) m: the whole array"),
+        ("paper", {"height": 7.0}, "plan.height=7.0 m"),
+        ("paper", {"snr_db": (40.0, -40.0)}, "plan.snr_db=[40.0, -40.0]"),
+        ("paper", {"snr_db": (-400.0, 40.0)}, "plan.snr_db=-400.0 dB"),
+        ("paper", {"snr_db": None}, "plan.snr_db=None"),
+        ("paper", {"snr_levels": (0.0,)}, "plan.snr_db="),
+        ("paper", {"snr_db": None, "snr_levels": ("loud",)}, "plan.snr_levels=loud dB"),
+        ("paper", {"seed": -1}, "plan.seed=-1"),
+        ("paper", {"seed": 0.5}, "plan.seed=0.5"),
+        ("paper", {"shard_rows": 0}, "plan.shard_rows=0 rows"),
+        ("paper", {"name": "../paper"}, "plan.name=../paper"),
+        ("scattered", {"rows": 0}, "plan.rows=0"),
+        ("scattered", {"t60": (0.9, 0.3)}, "plan.t60=[0.9, 0.3]"),
+        ("scattered", {"t60": (0.1, 0.3)}, "room.t60=0.1 s"),
+        ("scattered", {"margin": 0.1}, "plan.margin=0.1 m"),
+        ("scattered", {"margin": 1.6}, "plan.margin=1.6 m"),
+        ("scattered", {"size_low": (15.0, 5.0, 3.0)}, "plan.size_low=[15.0, 14.0]"),
+        ("scattered", {"wall_factor": (0.5, 1.5)}, "plan.wall_factor=1.5"),
+        ("scattered", {"gain_db": (0.0,)}, "plan.gain_db=[0.0]"),
+        (
+            "scattered",
+            {"sdnr_db": (-10.0, 0.0)},
+            "plan.sdnr_db=(-10.0, 0.0) dB: the scene has no diffuse noise; choose",
+        ),
+        (
+            "scattered",
+            {"snr_db": None},
+            "plan.snr_db=None: a level in dB where there is no other noise",
+        ),
+        (
+            "scattered_rotor",
+            {"sdnr_db": None},
+            "plan.sdnr_db=None dB: the scene has diffuse noise; give plan.sdnr_db",
+        ),
+        ("scattered_rotor", {"sdnr_db": (0.0, -10.0)}, "plan.sdnr_db=[0.0, -10.0]"),
+        ("scattered_rotor", {"sdnr_db": -10.0}, "plan.sdnr_db=-10.0: two numbers"),
+    ],
+)
+def test_bad_plans_are_refused_in_one_line(
+    plans: dict[str, Plan], name: str, change: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(BadValue) as refused:
+        replace(plans[name], **change)
+    assert str(refused.value).startswith(message)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("far", [(9.9, 8.0, 6.0), (10.0, 8.0, 6.0)])
+def test_every_position_of_a_grid_lies_inside(
+    scene: Scene, far: tuple[float, float, float]
+) -> None:
+    """A grid that starts inside ends inside: its margin holds on the far side too."""
+    plan = GridPlan("grid", 0, Room(far, 0.6), 0.7, 0.3, SearchWindow(), scene, Gated())
+    assert (plan.positions >= 0.3 - 1e-9).all()
+    assert (np.array(far) - plan.positions >= 0.3 - 1e-9).all()
+
+
+def test_a_layer_outside_the_room_is_refused_wherever_the_grid_is(plans: dict[str, Plan]) -> None:
+    plan = plans["paper_planar"]
+    assert len(replace(plan, height=0.1)) == 1989  # the ring is flat
+    with pytest.raises(BadValue, match=r"^pose.position="):
+        replace(plan, height=0.0)

@@ -1,0 +1,129 @@
+"""Surveys by a simulator that shares no line with this one: the generator of Habets, at 44.1 kHz,
+in int16.
+
+Turning, delaying and convolving are done here once more, by hand; of the project come only the
+burst that the bundle wants and the path of the walk.
+"""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.io import wavfile
+from scipy.signal import fftconvolve
+
+from echolearn.acoustics.types import Array, Pose, Room
+from echolearn.checks import BadValue
+from echolearn.robot.survey_map import draw
+from echolearn.simulation.walk import trajectory
+from world import plans
+
+rir_generator = pytest.importorskip("rir_generator")
+
+RATE, LENGTH, HEARD = 44_100, 12_000, 7_000
+"""Hz, samples of a recording, samples of a response: what follows is 30 dB below."""
+
+ROOM, T60 = (6.0, 5.0, 7.0), 0.3
+"""m, of which floor and ceiling are out of reach; s."""
+
+TURN = np.radians(-50.0)
+"""How the array is mounted."""
+
+
+NAMES = np.random.default_rng(0).permutation(1000)
+"""What poses are called."""
+
+
+def turned(places: Array, angle: float) -> Array:
+    """Return places (M, 3) turned about z."""
+    c, s = np.cos(angle), np.sin(angle)
+    return places @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+
+
+MICROPHONES = turned(
+    np.array([[0.2 * np.cos(a), 0.2 * np.sin(a), 0] for a in np.arange(6) * np.pi / 3]), TURN
+)
+"""In the robot's frame, m."""
+
+
+def burst() -> Array:
+    """Return the bundle's burst at twice its rate, by zeros in its spectrum."""
+    samples = plans()[0].scene.probe.samples
+    return np.fft.irfft(np.fft.rfft(samples, 2048), 4096)[: 2 * len(samples)] * 2
+
+
+def response(pose: Pose, *, order: int) -> Array:
+    """Return the responses from the loudspeaker to the microphones, shape (6, HEARD); of order 0 in
+    free space."""
+    places = turned(MICROPHONES, pose.heading) + pose.position
+    about = {
+        "c": 343.0,
+        "fs": RATE,
+        "r": places,
+        "s": pose.position,
+        "L": list(ROOM),
+        "nsample": HEARD,
+    }
+    return rir_generator.generate(**about, reverberation_time=T60, order=order, hp_filter=False).T
+
+
+def played(emitted: Array, responses: Array) -> Array:
+    """Return what arrives of a burst by responses (M, K), shape (M, LENGTH)."""
+    arrived = fftconvolve(responses, emitted[None], axes=1)[:, :LENGTH]
+    return np.pad(arrived, ((0, 0), (0, LENGTH - arrived.shape[1])))
+
+
+def record(folder: Path, poses: Sequence[Pose], *, snr_db: float) -> None:
+    """Write a survey of what the microphones hear, noise at an SNR below the echoes; the loudest
+    sample is 0.9."""
+    (folder / "observations").mkdir(parents=True)
+    emitted, lines = burst(), ["index,x_m,y_m,z_m,heading_rad,file"]
+    for index, pose in enumerate(poses):
+        heard, direct = (played(emitted, response(pose, order=order)) for order in (-1, 0))
+        noise = np.random.default_rng(index).standard_normal(heard.shape)
+        noise *= np.sqrt(np.mean((heard - direct) ** 2) / 10 ** (snr_db / 10))
+        samples = heard + noise
+        whole = np.rint(samples.T * (0.9 * 32767 / np.abs(samples).max())).astype(np.int16)
+        wavfile.write(folder / f"observations/{index}.wav", RATE, whole)
+        lines.append(
+            ",".join(
+                map(str, [NAMES[index], *pose.position, pose.heading, f"observations/{index}.wav"])
+            )
+        )
+    (folder / "poses.csv").write_text("\n".join(lines) + "\n")
+    wavfile.write(
+        folder / "probe.wav", RATE, np.pad(emitted, (0, LENGTH - len(emitted))).astype(np.float32)
+    )
+    about = {"sample_rate": RATE, "speed_of_sound": 343.0, "microphones": MICROPHONES.tolist()}
+    about |= {"loudspeaker": [0.0, 0.0, 0.0], "direct_path": "present"}
+    (folder / "survey.yaml").write_text(yaml.safe_dump(about))
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "map.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def kept(folder: Path) -> Array:
+    """Return how far the kept points of a map are from the nearest wall, in m."""
+    x, y = np.array(
+        [(float(row["x_m"]), float(row["y_m"])) for row in rows(folder) if row["kept"] == "1"]
+    ).T
+    gaps: Array = np.abs([x, y, ROOM[0] - x, ROOM[1] - y])
+    return gaps.min(axis=0)
+
+
+def test_another_simulators_survey_is_mapped(packed: Path, tmp_path: Path) -> None:
+    """Twelve places along the walls, one echo each, at 10 dB: nearly all that is kept lies on a
+    wall."""
+    record(tmp_path / "walk", trajectory(Room(ROOM, T60), poses=60)[:24:2], snr_db=10.0)
+    with pytest.raises(BadValue, match="resample with `echolearn map resample=true`"):
+        draw(survey=tmp_path / "walk", bundle=packed, runs=tmp_path)
+    made = draw(survey=tmp_path / "walk", bundle=packed, runs=tmp_path, resample=True)
+    off = kept(made)
+    assert [int(row["index"]) for row in rows(made)] == NAMES[:12].tolist()
+    assert len(off) >= 9
+    assert np.mean(off <= 0.10) >= 0.9 and np.median(off) < 0.02

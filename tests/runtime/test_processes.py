@@ -1,0 +1,121 @@
+"""Worker processes: one thread each, gone with their parent, nothing begun after an error."""
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import nullcontext
+from pathlib import Path
+from weakref import ref
+
+import numpy as np
+import pytest
+
+from echolearn.runtime.processes import processes, single_threads
+
+SOURCE = Path(__file__).parents[2] / "src"
+PARENT = """
+import os, time
+from echolearn.runtime.processes import processes
+if __name__ == "__main__":
+    with processes(2) as pool:
+        print(*{pool.submit(os.getpid).result() for _ in range(1)}, flush=True)
+        list(pool.map(time.sleep, [60, 60, 60]))
+"""
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    environment = {**os.environ, "PYTHONPATH": str(SOURCE)}
+    with subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, text=True, env=environment
+    ) as parent:
+        assert parent.stdout is not None
+        worker = int(parent.stdout.readline())
+        assert is_alive(worker)
+        parent.send_signal(signal.SIGKILL)
+        parent.wait()
+    deadline = time.monotonic() + 20
+    while is_alive(worker) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not is_alive(worker)
+
+
+def test_workers_compute_with_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    with processes(1) as pool:
+        assert pool.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+
+
+def test_the_environment_is_restored_after_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    with pytest.raises(KeyError), single_threads():
+        raise KeyError
+    assert "MKL_NUM_THREADS" not in os.environ
+
+
+@pytest.mark.parametrize("error", [None, KeyError()])
+def test_what_was_there_before_can_be_collected_after(error: Exception | None) -> None:
+    """Also what has become garbage in a circle, which nothing but the collector finds."""
+    circle: list[object] = [np.empty(0)]
+    circle.append(circle)
+    gone = ref(circle[0])  # type: ignore[type-var]
+    with nullcontext() if error is None else pytest.raises(KeyError), processes(1):
+        assert gc.get_freeze_count() > 0
+        if error is not None:
+            raise error
+    del circle
+    gc.collect()
+    assert gc.get_freeze_count() == 0 and gone() is None
+
+
+def test_an_error_cancels_what_has_not_begun() -> None:
+    began = time.monotonic()
+    with pytest.raises(KeyError), processes(1) as pool:
+        waiting = [pool.submit(time.sleep, 1) for _ in range(60)]
+        raise KeyError
+    assert time.monotonic() - began < 30
+    assert sum(job.cancelled() for job in waiting) > 50
+
+
+# ---------------------------------------------------------------- a copy that works meanwhile
+
+MEANWHILE = """
+import os, traceback
+from echolearn.runtime.processes import meanwhile
+
+class Odd(Exception):
+    def __init__(self, key, *, value):
+        super().__init__(f"{key}={value}")
+
+def deep():
+    raise Odd("step", value=0)
+
+done = []
+assert meanwhile(os.getpid, lambda: done.append(1)) != os.getpid() and done == [1]
+assert meanwhile(lambda: (lambda: 5), lambda: None)() == 5  # which cannot be sent
+try:
+    meanwhile(deep, lambda: done.append(2))
+except Odd as error:
+    print(error, error.__context__, *(frame.name for frame in traceback.extract_tb(error.__traceback__)), done)
+"""
+
+
+def test_an_error_of_the_copy_arises_where_it_arose() -> None:
+    """Whatever its class takes to be made."""
+    environment = {**os.environ, "PYTHONPATH": str(SOURCE)}
+    done = subprocess.run(
+        [sys.executable, "-c", MEANWHILE], capture_output=True, text=True, env=environment
+    )
+    assert (done.stdout, done.stderr) == ("step=0 None <module> meanwhile deep [1, 2]\n", "")

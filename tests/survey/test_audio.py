@@ -1,0 +1,208 @@
+"""Audio files: every width of PCM is scaled alike, FLAC is WAV packed, and what is damaged is said
+in one line."""
+
+import sys
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import wavfile
+
+from echolearn.checks import BadValue
+from echolearn.survey import audio
+
+SHAPE = (3, 400)
+SAMPLES = 0.1 * np.random.default_rng(0).standard_normal(SHAPE)
+
+
+@pytest.fixture
+def flac(tmp_path: Path) -> Path:
+    """Return a FLAC file of 16 bits, written by another library."""
+    soundfile.write(tmp_path / "a.flac", SAMPLES.T, 22050, subtype="PCM_16")
+    return tmp_path / "a.flac"
+
+
+def refusal(path: Path, shape: tuple[int, int] = SHAPE) -> str:
+    """Return the one line with which a file is refused."""
+    with pytest.raises(BadValue) as refused:
+        audio.read(path, 22050.0, shape=shape)
+    assert str(refused.value).isprintable() and str(refused.value).startswith(str(path))
+    return str(refused.value).removeprefix(str(path))
+
+
+# ---------------------------------------------------------------- WAV
+
+
+@pytest.mark.parametrize(("kind", "step"), [("uint8", 2**-7), ("int16", 2**-15), ("int32", 2**-31)])
+def test_pcm_is_scaled_to_one(tmp_path: Path, kind: str, step: float) -> None:
+    limits = np.iinfo(kind)
+    middle = 128 if kind == "uint8" else 0
+    wavfile.write(
+        tmp_path / "pcm.wav", 8000, np.array([limits.min, middle, limits.max], dtype=kind)
+    )
+    assert audio.read_wav(tmp_path / "pcm.wav", 8000.0)[0] == pytest.approx(
+        [-1.0, 0.0, 1.0 - step], abs=1e-12
+    )
+
+
+def test_24_bits_are_read_where_soundfile_is_not_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three bytes a sample, of which the file's own bytes are the oracle."""
+    soundfile.write(tmp_path / "a.wav", SAMPLES.T, 22050, subtype="PCM_24")
+    data = (tmp_path / "a.wav").read_bytes()[-3 * SAMPLES.size :]
+    whole = [int.from_bytes(data[k : k + 3], "little", signed=True) for k in range(0, len(data), 3)]
+    monkeypatch.setitem(sys.modules, "soundfile", None)
+    read = audio.read(tmp_path / "a.wav", 22050.0, shape=SHAPE)
+    assert np.array_equal(read.T.reshape(-1), np.array(whole) / 2**23)
+    assert np.abs(read - SAMPLES).max() <= 2**-23
+
+
+@given(st.integers(1, 4), st.integers(1, 50), st.integers(0, 2**32))
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_float_recordings_survive_bit_by_bit(
+    tmp_path: Path, channels: int, length: int, seed: int
+) -> None:
+    samples = np.random.default_rng(seed).standard_normal((channels, length)).astype(np.float32)
+    (tmp_path / "any.wav").write_bytes(audio.wav_bytes(samples, 22050.0))
+    assert np.array_equal(audio.read_wav(tmp_path / "any.wav", 22050.0), samples)
+
+
+@pytest.mark.parametrize("frames", [1, 200, 399])
+def test_a_file_that_was_cut_is_refused(tmp_path: Path, frames: int) -> None:
+    """Where a disk was full, say: frames of 3 channels of 4 bytes are missing at the end."""
+    data = audio.wav_bytes(SAMPLES, 22050.0)
+    (tmp_path / "cut.wav").write_bytes(data[: len(data) - 12 * frames])
+    with pytest.raises(BadValue) as refused:
+        audio.read_wav(tmp_path / "cut.wav", 22050.0)
+    said = f"finished at {len(data) - 12 * frames} bytes, expected {len(data)} bytes from header."
+    assert (
+        str(refused.value)
+        == f"{tmp_path}/cut.wav: cannot be read as WAV (Reached EOF prematurely; {said})"
+    )
+
+
+@pytest.mark.parametrize("length", [399, 400])
+def test_other_chunks_and_odd_sizes_are_no_damage(tmp_path: Path, length: int) -> None:
+    """An odd number of bytes is padded to an even one, and whoever recorded may have left a note."""
+    note = b"note" + (5).to_bytes(4, "little") + b"rain\0\0"
+    soundfile.write(tmp_path / "a.wav", SAMPLES[0, :length], 22050, subtype="PCM_24")
+    data = (tmp_path / "a.wav").read_bytes() + note
+    size = (len(data) - 8).to_bytes(4, "little")
+    (tmp_path / "b.wav").write_bytes(data[:4] + size + data[8:])
+    read = audio.read_wav(tmp_path / "b.wav", 22050.0)
+    assert np.array_equal(read, audio.read_wav(tmp_path / "a.wav", 22050.0)) and read.shape == (
+        1,
+        length,
+    )
+
+
+# ---------------------------------------------------------------- FLAC
+
+
+@pytest.mark.parametrize("width", [16, 24])
+def test_flac_is_the_same_as_wav(tmp_path: Path, width: int) -> None:
+    whole = np.rint(SAMPLES.T * 2 ** (width - 1)).astype(np.int32) << (
+        32 - width
+    )  # of as many bits as the file has
+    for name in ("a.wav", "a.FLAC"):
+        soundfile.write(tmp_path / name, whole, 22050, subtype=f"PCM_{width}")
+    wav, held = (audio.read(tmp_path / name, 22050.0, shape=SHAPE) for name in ("a.wav", "a.FLAC"))
+    assert held.dtype == np.float64 and held.flags.c_contiguous
+    assert np.array_equal(wav, held) and np.abs(held - SAMPLES).max() <= 2.0 ** (1 - width)
+
+
+def test_flac_of_one_microphone_has_two_axes(tmp_path: Path) -> None:
+    soundfile.write(tmp_path / "a.flac", SAMPLES[0], 22050)
+    assert audio.read(tmp_path / "a.flac", 22050.0, shape=(1, 400)).shape == (1, 400)
+
+
+@pytest.mark.parametrize("broken", [None, OSError("sndfile library not found")])
+def test_without_soundfile_one_line_tells_what_to_install(
+    flac: Path, monkeypatch: pytest.MonkeyPatch, broken: OSError | None
+) -> None:
+    """It may also be there without its library, which it says by another kind of error."""
+    if broken is None:
+        monkeypatch.setitem(sys.modules, "soundfile", None)
+    else:
+        (flac.parent / "soundfile.py").write_text(f"raise OSError({str(broken)!r})")
+        monkeypatch.syspath_prepend(flac.parent)
+        monkeypatch.delitem(sys.modules, "soundfile")
+    spaced, wav = flac.rename(flac.with_name("a b.flac")), "and name the WAV in poses.csv"
+    assert (
+        refusal(spaced)
+        == f": FLAC needs soundfile; pip install soundfile, or: flac -d 'a b.flac', {wav}"
+    )
+
+
+def test_every_damage_is_an_error_or_harmless(flac: Path) -> None:
+    """FLAC has checksums: whatever bit is flipped, the samples are never others. Wherever it ends,
+    it is refused."""
+    data, whole = flac.read_bytes(), audio.read(flac, 22050.0, shape=SHAPE)
+    said = 0
+    for place in range(0, 8 * len(data), 41):
+        torn = bytearray(data)
+        torn[place // 8] ^= 1 << place % 8
+        flac.write_bytes(bytes(torn))
+        try:
+            assert np.array_equal(audio.read(flac, 22050.0, shape=SHAPE), whole)
+        except BadValue as refused:
+            assert str(refused).isprintable()
+            said += 1
+    assert said > 0.9 * len(range(0, 8 * len(data), 41))
+    for end in range(0, len(data) - 1, 211):
+        flac.write_bytes(data[:end])
+        refusal(flac)
+
+
+@pytest.mark.parametrize(
+    ("shape", "rate", "message"),
+    [
+        ((2, 400), 22050, "=(2, 400): 3 channels of 400 samples"),
+        ((3, 399), 22050, "=(3, 399): 3 channels of 400 samples"),
+        ((3, 400), 44100, " sample_rate=44100 Hz: 22050 Hz; resample the recording"),
+    ],
+)
+def test_flac_that_does_not_fit_is_refused(
+    tmp_path: Path, shape: tuple[int, int], rate: int, message: str
+) -> None:
+    soundfile.write(tmp_path / "a.flac", np.zeros(shape[::-1]), rate)
+    assert refusal(tmp_path / "a.flac") == message
+
+
+def test_what_is_declared_is_compared_before_anything_is_unpacked(tmp_path: Path) -> None:
+    """Twelve million samples of silence, 100 MB, in some kilobytes."""
+    with soundfile.SoundFile(tmp_path / "bomb.flac", "w", 22050, 8) as file:
+        for _ in range(15):
+            file.write(np.zeros((100_000, 8), dtype=np.int16))
+    assert (tmp_path / "bomb.flac").stat().st_size < 20_000
+    tracemalloc.start()
+    assert refusal(tmp_path / "bomb.flac") == "=(8, 1500000): 3 channels of 400 samples"
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()
+
+
+def test_flac_of_unknown_length_is_refused(flac: Path) -> None:
+    """As an encoder leaves it that could not go back to its header."""
+    data = bytearray(flac.read_bytes())
+    data[21] &= 0xF0
+    data[22:26] = bytes(4)
+    flac.write_bytes(bytes(data))
+    assert "3 channels of 400 samples" in refusal(flac)
+
+
+@pytest.mark.parametrize("kind", ["OGG", "WAV", "AIFF"])
+def test_another_format_is_not_read_for_its_name(tmp_path: Path, kind: str) -> None:
+    """Of all that soundfile could read nothing but FLAC reaches it."""
+    soundfile.write(tmp_path / "a.flac", SAMPLES.T, 22050, format=kind)
+    assert refusal(tmp_path / "a.flac") == "=no FLAC: a FLAC file; other names are read as WAV"
+
+
+def test_flac_that_is_absent_or_too_large_is_named(tmp_path: Path) -> None:
+    assert refusal(tmp_path / "a.flac").startswith(": cannot be read as FLAC ([Errno 2]")
+    (tmp_path / "b.flac").write_bytes(bytes(100_000))
+    assert refusal(tmp_path / "b.flac") == "=100000 bytes: at most 75136 bytes"
