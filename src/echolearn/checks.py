@@ -17,7 +17,8 @@ LONGEST_NAME = 100
 
 class BadValue(ValueError):
     """A value from outside that cannot be used: `name=value unit`, what is allowed, the likely
-    mistake."""
+    mistake.
+    """
 
 
 def check(condition: bool, name: str, value: object, *, allowed: str, hint: str = "") -> None:
@@ -74,7 +75,8 @@ def check_whole(
 
 def check_name(name: str, value: object) -> None:
     """Raise `BadValue` unless `value` can name a folder: letters, digits, dots, - and _, no dot or
-    - first."""
+    - first.
+    """
     spelled = (
         isinstance(value, str)
         and value[:1] not in ".-"
@@ -114,7 +116,8 @@ def check_list(
 
 def real_array(name: str, value: object, *, allowed: str, hint: str = "") -> NDArray[Any]:
     """Return real numbers of any dtype as float64, or raise `BadValue`: sums of squares would
-    overflow int16 unseen."""
+    overflow int16 unseen.
+    """
     try:
         array = np.asarray(value)
     except ValueError:  # rows of several lengths
@@ -126,7 +129,8 @@ def real_array(name: str, value: object, *, allowed: str, hint: str = "") -> NDA
 
 def finite_array(name: str, value: object, *, shape: tuple[int, ...], allowed: str) -> NDArray[Any]:
     """Return finite real numbers of a shape, in which -1 is any number, as float64, or raise
-    `BadValue`."""
+    `BadValue`.
+    """
     array = real_array(name, value, allowed=allowed)
     fits = array.ndim == len(shape) and all(
         want in (-1, n) for n, want in zip(array.shape, shape, strict=True)
@@ -138,7 +142,8 @@ def finite_array(name: str, value: object, *, shape: tuple[int, ...], allowed: s
 
 def suggest(word: str, known: Sequence[str]) -> str:
     """Return the name in `known` that comes closest to `word`, by its last part if not as a whole,
-    or all of them."""
+    or all of them.
+    """
     if not known:
         return "it has none"
     leaves = {name.rpartition(".")[2]: name for name in reversed(known)}

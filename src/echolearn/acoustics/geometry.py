@@ -186,14 +186,16 @@ def wall_points(
 
 def outline(room: Room) -> Array:
     """Return the corners of the room's floor plan, shape (4, 2), anticlockwise from the origin, in
-    m."""
+    m.
+    """
     x, y, _ = room.size
     return np.array([[0.0, 0.0], [x, 0.0], [x, y], [0.0, y]])
 
 
 def distance_to_outline(points: Array, corners: Array) -> Array:
     """Return the distance of `points` (..., 2) to the nearest edge of the closed polygon `corners`
-    (C, 2), in m."""
+    (C, 2), in m.
+    """
     start, edge = corners, np.roll(corners, -1, axis=0) - corners
     offset = np.asarray(points)[..., None, :] - start
     along = np.clip((offset * edge).sum(-1) / (edge**2).sum(-1), 0.0, 1.0)

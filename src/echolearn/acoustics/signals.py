@@ -61,7 +61,8 @@ def matched_filter(samples: Array, probe: Probe, *, first: int, last: int) -> Ar
 
 def energy_under_probe(samples: Array, probe: Probe, *, first: int, last: int) -> Array:
     """Return the energy of `samples` (..., N) under the burst delayed by each lag, shape (..., last
-    - first + 1)."""
+    - first + 1).
+    """
     touched = samples[..., first : last + len(probe.samples)]
     missing = last + len(probe.samples) - first - touched.shape[-1]
     square = np.pad(touched**2, [(0, 0)] * (samples.ndim - 1) + [(1, max(missing, 0))])
@@ -71,7 +72,8 @@ def energy_under_probe(samples: Array, probe: Probe, *, first: int, last: int) -
 
 def stft(samples: Array, *, frame: int = FRAME) -> Array:
     """Return the short-time spectra of `samples` (..., N): Hann window, half overlap, shape (...,
-    F, T)."""
+    F, T).
+    """
     hop = frame // 2
     frames = np.lib.stride_tricks.sliding_window_view(samples, frame, axis=-1)[..., ::hop, :]
     window = np.hanning(frame + 1)[:-1].astype(samples.dtype)
@@ -175,7 +177,8 @@ def power(samples: Array) -> Array:
 
 def joint_db(*levels_db: float | Array | None) -> Array:
     """Return the ratio of a signal to the sum of noises, each at its own ratio in dB; None is no
-    noise."""
+    noise.
+    """
     given = [np.asarray(level, dtype=float) for level in levels_db if level is not None]
     total = sum((10.0 ** (-level / 10.0) for level in given), start=np.zeros(()))
     return np.where(total > 0, -decibel(total), np.inf)

@@ -260,7 +260,8 @@ class Responder(Protocol):
         speed_of_sound: float,
     ) -> Array:
         """Return responses from `source` (3,) to `microphones` (M, 3), shape (M, round(t60 *
-        sample_rate))."""
+        sample_rate)).
+        """
 
 
 class Noise(Protocol):

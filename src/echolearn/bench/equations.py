@@ -80,7 +80,8 @@ def relative(positions: Array, azimuth: float, *, rate: float) -> Array:
 
 def delays(positions: Array, azimuth: float, elevation: float = math.pi / 2) -> Array:
     """Return a plane wave's delays at microphones (M, 3) relative to the origin: -(R/c) sin psi
-    cos(theta - phi)."""
+    cos(theta - phi).
+    """
     ahead = [
         math.hypot(x, y) * math.sin(elevation) * math.cos(math.atan2(y, x) - azimuth)
         for x, y, _ in positions
@@ -90,7 +91,8 @@ def delays(positions: Array, azimuth: float, elevation: float = math.pi / 2) -> 
 
 def spectra(recording: Array, frame: int = 882) -> Array:
     """Return the STFT of (M, N) with Hann window and half overlap by the sum that defines it, shape
-    (M, F, T)."""
+    (M, F, T).
+    """
     hop, count = frame // 2, 1 + (recording.shape[-1] - frame) // (frame // 2)
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(frame) / frame)
     return np.stack(
@@ -103,7 +105,8 @@ def mpdr(
     recording: Array, positions: Array, azimuths: Array, *, rate: float, gamma: float = 0.1
 ) -> Array:
     """Return the SRP-MPDR power of one recording (M, N) over azimuths (Eqs. 15-18): w^H R_bar w,
-    summed over bins."""
+    summed over bins.
+    """
     frames = spectra(recording)
     power = np.zeros(len(azimuths))
     microphones = len(positions)
@@ -128,7 +131,8 @@ def steered(
     recording: Array, burst: Array, positions: Array, azimuth: float, *, rate: float
 ) -> Array:
     """Return J(tau, phi) at every lag: recordings (M, N) advanced by eta_m, summed, correlated,
-    shape (N,)."""
+    shape (N,).
+    """
     together = np.zeros(recording.shape[-1])
     for y, eta in zip(recording, relative(positions, azimuth, rate=rate), strict=True):
         together += shift(y, -eta)
@@ -156,7 +160,8 @@ def joint(
     weights: Array | None = None,
 ) -> Array:
     """Return J(tau, phi) = sum_m w_m <y_m(n + eta_m(phi)), s(n - tau)> over azimuths and lags,
-    shape (A, L)."""
+    shape (A, L).
+    """
     weights = np.ones(len(recording)) if weights is None else weights
     surface = np.zeros((len(azimuths), last - first + 1))
     for index, azimuth in enumerate(azimuths):
@@ -239,7 +244,8 @@ def mclam(
     rate: float,
 ) -> tuple[int, float]:
     """Return lag and azimuth of McLAM as reconstructed: SRP-MPDR's direction, S-NLS on the aligned
-    costs' sum."""
+    costs' sum.
+    """
     azimuth = float(azimuths[mpdr(recording, positions, azimuths, rate=rate).argmax()])
     cost = np.zeros(last - first + 1)
     probe = padded(burst, recording.shape[-1])
@@ -259,7 +265,8 @@ def is_detected(recording: Array, *, variance: float, log_gamma: float) -> bool:
 
 def peaks(recording: Array, burst: Array, *, first: int, last: int, loading: float = 0.0) -> int:
     """Return the lag of RIR-PP: the peak of the response H1 = G_xy / (G_xx + loading * mean G_xx)
-    in the window."""
+    in the window.
+    """
     response = np.zeros(len(recording), dtype=complex)
     emitted, heard = np.fft.fft(padded(burst, len(recording))), np.fft.fft(recording)
     level = loading * float(np.mean(np.abs(emitted) ** 2))

@@ -32,7 +32,8 @@ Literal = Callable[[Array, Any], object]
 
 def localizers(setting: Setting) -> Iterator[Measurement]:
     """Time every localizer per observation, beside its literal form, and over microphones and
-    azimuths."""
+    azimuths.
+    """
     whole = heard(setting.plan, setting.batch)
     some = min(setting.batch, 16)
     scenes = {
@@ -63,7 +64,8 @@ def localizers(setting: Setting) -> Iterator[Measurement]:
 
 def printed(name: str, own: Sequence[float], *, value: int) -> Iterator[Measurement]:
     """Yield the time that the paper prints for a localizer, if any, beside the localizer's own
-    laps, s."""
+    laps, s.
+    """
     method = name.partition("_")[0]
     if method in PAPER:
         about = (STAGE, f"{name}, as the paper prints", "batch", value, "wall", "s")
@@ -127,7 +129,8 @@ def loops(localizer: Localizer, observation: Observation) -> Contestant | None:
 
 class Equations:
     """What the literal functions need to know of a localizer (or whatever has a window) and its one
-    observation."""
+    observation.
+    """
 
     def __init__(self, localizer: Any, observation: Observation) -> None:
         rate, self.loading = observation.probe.sample_rate, getattr(localizer, "loading", 0.0)

@@ -62,7 +62,8 @@ class Measurement:
     @property
     def ratio(self) -> Spread | None:
         """How many times the reference: median and quartiles of the ratios of laps; None without a
-        reference."""
+        reference.
+        """
         return ratios(self.repetitions, self.beside) if self.reference else None
 
     def row(self) -> dict[str, Any]:
@@ -186,7 +187,8 @@ def times(
 
 def heard(plan: Plan, count: int, scene: Scene | None = None) -> Observation:
     """Return observations of `count` rows of a plan, evenly spaced, in another scene if given;
-    (count, M, N)."""
+    (count, M, N).
+    """
     scene = scene or plan.scene
     samples = []
     for row in np.linspace(0, len(plan) - 1, count).astype(int).tolist():

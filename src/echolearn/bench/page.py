@@ -30,7 +30,8 @@ UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
 
 def page(found: Sequence[Measurement], machine: Mapping[str, Any], *, brief: bool = False) -> str:
     """Return the tables of everything measured; `brief` leaves single steps and single runs out,
-    for a README."""
+    for a README.
+    """
     shown = [m for m in found if not (brief and m.stage == "steps")]
     parts = [
         describe(machine),
@@ -61,7 +62,8 @@ def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
 
 def compared(found: Sequence[Measurement]) -> str:
     """Return the table of everything that was timed beside peers, a line each; single steps also
-    without."""
+    without.
+    """
     wall = [m for m in found if m.measure == "wall" and m.stage in TITLES]
     own = {(m.stage, m.parameter, m.value, m.variant): m for m in wall}
     lines = []
@@ -95,7 +97,8 @@ def condition(m: Measurement) -> str:
 
 def grown(found: Sequence[Measurement]) -> str:
     """Return the table of how times grow with T60, microphones and azimuths: a line for each
-    variant."""
+    variant.
+    """
     cells: dict[str, dict[str, str]] = {}
     for line in growth(found):
         ends = " to ".join(seconds(m.spread, brackets=False) for m in (line[0], line[-1]))
@@ -206,7 +209,8 @@ def spaced(number: int) -> str:
 
 def seconds(value: Spread, *, brackets: bool = True) -> str:
     """Return a time in the unit that suits it, three digits, with quartiles unless there is but one
-    value."""
+    value.
+    """
     unit, name = next(((u, n) for u, n in UNITS if value.median >= u), UNITS[-1])
     scaled = Spread(*(part / unit for part in value))
     return f"{plain(scaled) if brackets else digits(scaled.median)} {name}"

@@ -70,7 +70,8 @@ def engine(compute: Images | Pyroom, room: Room, scene: Scene) -> Callable[[], A
 
 def rivals(room: Room, scene: Scene) -> dict[str, Contestant]:
     """Return the peers; the optional one is left out, with a word about it, where it is not
-    installed."""
+    installed.
+    """
     found = {"pyroomacoustics": Contestant(engine(Pyroom(), room, scene), warm=False)}
     try:
         one = habets(room, scene)

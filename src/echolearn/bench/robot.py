@@ -64,7 +64,8 @@ def starting(setting: Setting, folder: Path) -> Iterator[Measurement]:
 
 def onboard(folder: Path, walk: Path) -> Iterator[Measurement]:
     """Measure one bundle on a walk; one that was made for another robot is left out, with a word
-    about it."""
+    about it.
+    """
     words = [
         sys.executable,
         "-m",

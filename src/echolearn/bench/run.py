@@ -145,7 +145,8 @@ def bench(
 
 def measured(stages: Sequence[str], setting: Setting) -> tuple[list[Measurement], list[str]]:
     """Return what the stages find, in a process with one thread, and those that failed, each after
-    a line about it."""
+    a line about it.
+    """
     found, failed = list[Measurement](), list[str]()
     with processes(1) as pool:
         for stage in stages:
@@ -207,7 +208,8 @@ def every(found: Iterable[Measurement]) -> bytes:
 
 def exact(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return a row with seven significant digits of each figure, as microseconds need; nothing for
-    NaN."""
+    NaN.
+    """
     floats = {key: value for key, value in row.items() if isinstance(value, float)}
     return {**row, **{key: "" if isnan(value) else f"{value:.7g}" for key, value in floats.items()}}
 
@@ -239,7 +241,8 @@ HEIGHTS = {
 
 def figures_of(found: Sequence[Measurement]) -> dict[str, bytes]:
     """Return the figures of growth, by file name: times of responses and localizers, rows per
-    second, memory."""
+    second, memory.
+    """
     from echolearn.comparison import figures
 
     drawn: dict[str, Panels] = {}

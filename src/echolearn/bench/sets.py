@@ -43,7 +43,8 @@ PEER = "pyroomacoustics, responses alone"
 
 def generating(setting: Setting) -> Iterator[Measurement]:
     """Time a whole set with one and with several processes, beside its responses by
-    pyroomacoustics."""
+    pyroomacoustics.
+    """
     plan, count = setting.plan, setting.workers
     spots = places(plan)
     some = [
@@ -102,7 +103,8 @@ def responding(
 
 def respond(scene: Scene, spot: Spot) -> float:
     """Compute the responses at one spot by pyroomacoustics; return their sum, lest their transport
-    be timed."""
+    be timed.
+    """
     at = microphone_positions(scene.array, spot.pose)
     rate, speed = scene.probe.sample_rate, scene.speed_of_sound
     return float(
@@ -129,7 +131,8 @@ class Made(NamedTuple):
 
 def growing(setting: Setting) -> Iterator[Measurement]:
     """Time the growing set at each number of rows, in fresh processes, with its memory and its
-    size."""
+    size.
+    """
     for rows in track(setting.rows, "bench rows", unit="sizes"):
         with processes(1) as pool:
             plan = replace(setting.growing, rows=rows)
@@ -145,7 +148,8 @@ def growing(setting: Setting) -> Iterator[Measurement]:
 
 def make(plan: Plan, place: Path, workers: int) -> Made:
     """Make a set in a folder of its own, and remove it; memory is that of this process and those it
-    starts."""
+    starts.
+    """
     with TemporaryDirectory(dir=place) as folder:
         began = time.perf_counter()
         made = generate(plan, runs=Path(folder), engine=Processes(workers))
@@ -180,6 +184,7 @@ def steady_rates(written: Sequence[float], shard_rows: int, *, workers: int) -> 
 
 def resident_peak() -> int:
     """Return the high-water mark of this process's resident set, in bytes; not that of what it was
-    forked from."""
+    forked from.
+    """
     [kilobytes] = re.findall(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
     return int(kilobytes) * 1024

@@ -38,7 +38,8 @@ class Calibrated:
 
 def calibrate(classifier: Classifier, x: Inputs, y: Array) -> Calibrated:
     """Return a fitted classifier with the calibration and the threshold that `x` and `y` (B,) call
-    for."""
+    for.
+    """
     decision = classifier.decision(x)
     slope, intercept = platt(decision, y)
     return Calibrated(

@@ -82,4 +82,5 @@ class Classifier(Protocol):
 
     def scorer(self) -> "torch.nn.Module":
         """Return the same function as a torch module: float32 `x` to float64 or float32 decisions
-        (B,)."""
+        (B,).
+        """

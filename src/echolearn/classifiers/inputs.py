@@ -36,7 +36,8 @@ was told."""
 
 def view_of(inputs: Sequence[str]) -> str:
     """Return the view that `inputs` belong to: tensors are called covariance..., everything else is
-    a column."""
+    a column.
+    """
     return COVARIANCE if inputs and inputs[0].startswith(COVARIANCE) else FEATURES
 
 

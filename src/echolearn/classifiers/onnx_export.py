@@ -65,7 +65,8 @@ class Confidence(torch.nn.Module):
 
 class Proved(NamedTuple):
     """A file that computes what its classifier computes: its bytes, the largest difference, the
-    inputs compared."""
+    inputs compared.
+    """
 
     data: bytes
     parity: float
@@ -135,7 +136,8 @@ def mixtures(x: Inputs, count: int, rng: np.random.Generator) -> Array:
 
 def to_onnx(module: torch.nn.Module, *, shape: tuple[int, ...]) -> bytes:
     """Return the ONNX file of a module from float32 (B, *shape), input "x", to (B,), output
-    "confidence"."""
+    "confidence".
+    """
     with quiet_export():
         batch = {0: torch.export.Dim("batch")}
         program = torch.export.export(
@@ -192,7 +194,8 @@ def strip(model: Any) -> None:
 
 def open_onnx(data: bytes) -> Callable[[Array], Array]:
     """Return the function that an ONNX file computes, on one thread: float32 (B, ...) to
-    confidences (B,)."""
+    confidences (B,).
+    """
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3

@@ -71,7 +71,8 @@ class Graph:
         **attributes: Any,
     ) -> str:
         """Append what a program's node becomes: of its arguments at `places`, and `more` whole
-        numbers by name."""
+        numbers by name.
+        """
         inputs = [self.operand(node, place) for place in places]
         inputs += [
             self.constant(np.array(value, dtype=np.int64), f"{node.name}.{key}")
@@ -81,7 +82,8 @@ class Graph:
 
     def operand(self, node: Node, place: int) -> str:
         """Return the name of an argument; a number becomes a constant of the type of the first
-        argument."""
+        argument.
+        """
         value, like = node.args[place], tensor_of(node.args[0]).dtype
         if isinstance(value, Node):
             return self.names[value] if tensor_of(value).dtype == like else refuse(self, node)

@@ -183,7 +183,8 @@ def draw(config: Config) -> Path:
 
 def verify(folder: str) -> str:
     """Re-prove finished folders: every file's size and checksum; of a bundle, also what its model
-    computes."""
+    computes.
+    """
     from echolearn.checks import check
     from echolearn.storage import manifests
 

@@ -183,7 +183,8 @@ def _expand(
     words: Sequence[str], *, many: bool
 ) -> Iterator[tuple[str, Sequence[str], list[str], list["Override"]]]:
     """Yield each combination of the swept values: what is swept, all words, the options chosen, the
-    values set."""
+    values set.
+    """
     from hydra.core.global_hydra import GlobalHydra
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
@@ -205,7 +206,8 @@ def _expand(
 
 def _parsed(parser: "OverridesParser", word: str) -> "Override":
     """Return an override; one that Hydra's grammar cannot read is refused with the quotes that it
-    needs."""
+    needs.
+    """
     from hydra.errors import OverrideParseException
 
     try:
@@ -251,7 +253,8 @@ def _options(group: str) -> list[str]:
 
 def _chooses(override: "Override") -> bool:
     """Tell whether an override chooses among files rather than setting a value; refuse options that
-    do not exist."""
+    do not exist.
+    """
     group, word, option = override.key_or_group, override.input_line, override.value()
     if group.replace("/", ".").partition(".")[0] == "hydra":
         raise UsageError(f"{word}: hydra's own settings are fixed, but for its launcher's")
@@ -271,7 +274,8 @@ def _chooses(override: "Override") -> bool:
 
 def _group(override: "Override") -> str:
     """Return the group of an override, with where its choice stands if that is named:
-    localizer@localizers.em."""
+    localizer@localizers.em.
+    """
     return "@".join(filter(None, (override.key_or_group, override.package)))
 
 
@@ -295,7 +299,8 @@ def _configure(
 
 def _set(config: "DictConfig", override: "Override", known: Sequence[str]) -> None:
     """Set one value. Its key must exist, or belong to a call, which knows its own keys and refuses
-    others."""
+    others.
+    """
     from hydra.core.override_parser.types import OverrideType
     from omegaconf import DictConfig, OmegaConf
 
@@ -329,7 +334,8 @@ def _left_out(config: "DictConfig", key: str) -> str:
 @cache
 def _join(command: str, *words: str) -> "DictConfig":
     """Let Hydra join a command's files as `words` choose; `choice` holds the name of each chosen
-    file."""
+    file.
+    """
     from hydra import compose as join
     from omegaconf import OmegaConf, open_dict
 

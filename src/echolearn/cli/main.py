@@ -49,7 +49,8 @@ OPTIONS = ("-m", "-j", "--cfg", "--help", "--traceback")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line; return 0, 1 if it failed, 2 if it cannot be understood, 130 if
-    interrupted."""
+    interrupted.
+    """
     words = list(sys.argv[1:] if arguments is None else arguments)
     trace = "--traceback" in words
     try:
@@ -151,7 +152,8 @@ def verify_all(folders: Sequence[str], *, trace: bool) -> None:
 
 def run(command: str, words: Sequence[str], *, trace: bool) -> None:
     """Run a command once, or with `-m` for every combination; with `--cfg` show its configuration
-    instead."""
+    instead.
+    """
     from echolearn.cli.sweeps import run_all, say
 
     options, launcher, sweeps = parse(words)

@@ -114,7 +114,8 @@ def in_processes(
     trying: Attempt, jobs: Sequence[Job], *, workers: int
 ) -> Iterable[tuple[Any, str]]:
     """Yield what comes of each job in turn, done by so many processes of this machine, which die of
-    an interrupt."""
+    an interrupt.
+    """
     with processes(min(workers, len(jobs))) as pool:
         yield from pool.map(trying, jobs)
 

@@ -1,5 +1,6 @@
 """What the words of a command line stand for: texts, numbers, truth values, as Hydra's grammar has
-them."""
+them.
+"""
 
 import re
 from collections.abc import Mapping
@@ -20,7 +21,8 @@ NUMBER = re.compile(
 
 def plain_value(word: str) -> Any:
     """Return what Hydra takes a word for: YAML would read yes as true, 1e-1 as text, 010 as 8 and
-    12:30 as 750."""
+    12:30 as 750.
+    """
     import yaml
 
     word = word.strip()

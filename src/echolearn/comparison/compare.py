@@ -213,7 +213,8 @@ class Walk(NamedTuple):
 
 class Verdict(NamedTuple):
     """What was found on one set or survey: rows of results.csv and of tests.csv, and what was
-    heard."""
+    heard.
+    """
 
     rows: list[Row]
     tests: list[Row]
@@ -224,7 +225,8 @@ def judge_set(
     contestants: Mapping[Contestant, Sequence[Run]], folder: Path, name: str, resamples: int
 ) -> Verdict:
     """Judge all contestants on a labelled set; on one that any was trained on, on held-out rows and
-    without tests."""
+    without tests.
+    """
     dataset = Dataset(folder)
     sheet = sheet_of(dataset, name, resamples=resamples)
     studied = any(
@@ -280,7 +282,8 @@ def against_yardstick(
     answers: Mapping[Contestant, Sequence[Answer]], sheet: Sheet, *, metric: str, snr_db: str
 ) -> Iterable[Row]:
     """Test every classifier against the bare threshold of the same set and seeds, leaky splits left
-    out."""
+    out.
+    """
     for (classifier, trained_on), given in answers.items():
         yardstick = answers.get((YARDSTICK, trained_on), ())
         if (

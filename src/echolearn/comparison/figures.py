@@ -174,7 +174,8 @@ def paint_line(axis: Axes, label: str, rows: Sequence[Row], *, number: int) -> N
 
 def bands(lines: Mapping[str, Sequence[Row]]) -> str:
     """Draw AUC by SNR band with intervals, a group of points per band; rows of results.csv with
-    "low:high"."""
+    "low:high".
+    """
 
     def paint(figure: Figure) -> None:
         axis = figure.subplots()

@@ -50,7 +50,8 @@ def hear(folder: Path, localizer: Localizer, *, name: str, resamples: int) -> He
 
 def _ratio_db(conditions: Mapping[str, Any]) -> float:
     """Return the received probe over all noises together, to 0.1 dB; NaN where nothing is known of
-    it."""
+    it.
+    """
     known = [
         float(conditions[key]) for key in ("snr_db", "sdnr_db") if conditions.get(key) is not None
     ]

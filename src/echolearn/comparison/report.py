@@ -137,7 +137,8 @@ def draw_all(contest: Comparison, *, source: str, best: str) -> dict[str, str]:
 
 def draw_sets(contest: Comparison, *, source: str) -> dict[str, str]:
     """Return the figures about labelled sets: AUC by band, belief, arrival times on and off the
-    grid."""
+    grid.
+    """
     from echolearn.comparison import figures
 
     names, shown = list(contest.sets), away(contest)
@@ -189,7 +190,8 @@ def panels(
     contest: Comparison, snr_db: str, *, source: str, best: str
 ) -> list[tuple[str, Heard, Array]]:
     """Return before and after for every room at an SNR, filtered by the first seed of the best
-    classifier."""
+    classifier.
+    """
     found = []
     for (walk, localizer), heard in contest.heard.items():
         if localizer == main_localizer(contest) and snr_of(heard) == snr_db:
@@ -242,7 +244,8 @@ def machine() -> dict[str, str]:
 
 def show(folder: Path, *, readme: Path | None) -> None:
     """Print the results table and the report's path; put the table into a README and the map beside
-    it."""
+    it.
+    """
     table = (folder / "table.md").read_text()
     sys.stdout.write(table)
     print(f"\n{folder / 'report.html'}")

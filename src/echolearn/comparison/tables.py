@@ -53,7 +53,8 @@ def is_learned(classifier: str) -> bool:
 
 def validated(contest: Comparison, trained_on: str) -> dict[str, float]:
     """Return each classifier's balanced accuracy on its own validation rows, mean over seeds, the
-    best first."""
+    best first.
+    """
     scores = {
         name: mean(run.metrics["validation"]["balanced_accuracy"] for run in runs)
         for (name, source), runs in contest.runs.items()
@@ -70,7 +71,8 @@ def chosen(contest: Comparison, trained_on: str) -> str:
 
 def chosen_run(contest: Comparison) -> Run:
     """Return the run that is worth exporting: that of the chosen classifier's best seed on its own
-    validation rows."""
+    validation rows.
+    """
     source = headline_set(contest)
     known = contest.runs[chosen(contest, source), source]
     return max(
@@ -80,7 +82,8 @@ def chosen_run(contest: Comparison) -> Run:
 
 def drawn(contest: Comparison, trained_on: str) -> list[str]:
     """Return the classifiers that are drawn: the best of each family, the paper's pair, the
-    literature's net."""
+    literature's net.
+    """
     ranked = list(validated(contest, trained_on))
     families = {name.partition("_")[0]: name for name in reversed(ranked)}
     return [name for name in ranked if name in {*families.values(), "svm_pair", "covnet"}]
@@ -88,7 +91,8 @@ def drawn(contest: Comparison, trained_on: str) -> list[str]:
 
 def headline_set(contest: Comparison) -> str:
     """Return the training set that the maps' tables are about: a scattered one, of those tested,
-    too, if there are."""
+    too, if there are.
+    """
     every = sorted({source for _, source in contest.runs})
     sources = [source for source in every if source in contest.sets] or every
     return next((source for source in sources if source.endswith("scattered")), sources[0])
@@ -96,7 +100,8 @@ def headline_set(contest: Comparison) -> str:
 
 def unseen(contest: Comparison, source: str) -> bool:
     """Tell whether no survey was made in a room of the training set, as far as that is among the
-    sets."""
+    sets.
+    """
     if source not in contest.sets:
         return False
     trained = {tuple(size) for size in contest.sets[source]["room"][:, :2].round(6).tolist()}
@@ -139,7 +144,8 @@ def gather(contest: Comparison, *, source: str, best: str) -> dict[str, Any]:
 
 def describe_set(name: str, dataset: Dataset) -> dict[str, Any]:
     """Return what the table of sets shows: sizes, labels, and how often the TOA is right in each
-    SNR band."""
+    SNR band.
+    """
     snr_db, reflector = dataset.ratio_db, dataset["reflector"]
     inside = [in_band(snr_db, low=low, high=high) for low, high in BANDS]
     return {
@@ -238,7 +244,8 @@ def map_lines(
 
 def directions(whole: Sequence[Row], contest: Comparison) -> list[dict[str, Any]]:
     """Return, for each room and localizer, the share of points on a wall at each SNR, nothing
-    filtered."""
+    filtered.
+    """
     lines: dict[tuple[str, str], dict[str, Any]] = {}
     for (walk, localizer), heard in contest.heard.items():
         line = lines.setdefault(
@@ -257,7 +264,8 @@ def saved(
     whole: Sequence[Row], contest: Comparison, *, source: str, best: str
 ) -> list[dict[str, Any]]:
     """Return, for each room and localizer, what a classifier leaves at each SNR: precision and true
-    retention."""
+    retention.
+    """
     lines: dict[tuple[str, str], dict[str, Any]] = {}
     for walk, localizer in contest.heard:
         here = pick(whole, tested_on=f"{walk}/{localizer}", trained_on=source, classifier=best)
@@ -307,7 +315,8 @@ def generalisation(whole: Sequence[Row], contest: Comparison) -> dict[str, Any]:
 
 def protocol(contest: Comparison) -> list[dict[str, Any]]:
     """Return each contestant's own validation, test and cross-validation figures: the paper's
-    protocol."""
+    protocol.
+    """
     lines = []
     for (name, source), runs in sorted(contest.runs.items(), key=lambda item: item[0][::-1]):
         line: dict[str, Any] = {
@@ -335,7 +344,8 @@ def protocol(contest: Comparison) -> list[dict[str, Any]]:
 
 def leak(whole: Sequence[Row]) -> list[dict[str, Any]]:
     """Return pairs of AUCs of the same classifier with rows of one position on both sides of the
-    split, and not."""
+    split, and not.
+    """
     lines = []
     for row in pick(whole, metric="auc", snr_db=""):
         planned = row["trained_on"].removesuffix(" (row split)")

@@ -101,7 +101,8 @@ def _write(plan: Plan, mark: Path, shard: int) -> None:
 
 def _await(paths: list[Path]) -> None:
     """Wait for files that others have written: a network's disk may show them late. A finished set
-    has none left."""
+    has none left.
+    """
     until, folder = time.monotonic() + PATIENCE, paths[0].parent
     while absent := [path for path in paths if not path.is_file()]:
         if manifests.is_finished(folder):  # by another command

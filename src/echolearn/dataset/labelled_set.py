@@ -1,5 +1,6 @@
 """A finished set, read back: columns and tensors by name, from shards that were proved when it was
-opened."""
+opened.
+"""
 
 from pathlib import Path
 

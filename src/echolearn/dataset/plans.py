@@ -23,7 +23,8 @@ from echolearn.simulation.scene import Scene
 @dataclass(frozen=True)
 class Spot:
     """One observation to be made: where, how loud the noises are (None: absent), and which position
-    it belongs to."""
+    it belongs to.
+    """
 
     room: Room
     pose: Pose

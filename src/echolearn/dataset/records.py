@@ -49,7 +49,8 @@ MAP_TOLERANCE = 0.10
 
 class Heard(NamedTuple):
     """A recording (M, N), where it was made, and the noise alone (M, K) if the localizer asks for
-    it."""
+    it.
+    """
 
     spot: Spot
     samples: Array
@@ -58,7 +59,8 @@ class Heard(NamedTuple):
 
 def records(plan: Plan, rows: range) -> Array:
     """Return the records of the observations `rows` of a plan as a structured array, shape (B *
-    R,)."""
+    R,).
+    """
     heard = list(_observe(plan, rows))
     blocks = [[one] for one in heard] if _whitens(plan) else [heard]
     return np.concatenate([_records(plan, block) for block in blocks])
@@ -136,7 +138,8 @@ def _context(spots: tuple[Spot, ...]) -> dict[str, Array]:
 
 def labels(spots: tuple[Spot, ...], echoes: Echoes, scene: Scene) -> dict[str, Array]:
     """Return the labels of echoes (B, R), heard at B spots: arrays of B * R rows, observation by
-    observation."""
+    observation.
+    """
     shape, tolerance = echoes.toa.shape, TOLERANCE_SAMPLES / scene.probe.sample_rate
     truth, wall, on_map = (
         np.full((*shape, 6), np.nan),

@@ -25,7 +25,8 @@ REACH = 0.25
 
 def wall_samples(corners: Array, *, step: float = 0.05) -> tuple[Array, Array]:
     """Cut the outline (C, 2) into pieces of at most `step` m: their middles (S, 2) and their
-    lengths (S,), in m."""
+    lengths (S,), in m.
+    """
     edges = np.roll(corners, -1, axis=0) - corners
     counts = np.ceil(np.linalg.norm(edges, axis=1) / step - 1e-9).astype(int)
     middles = [
@@ -50,7 +51,8 @@ def feet(corners: Array, poses: Array) -> tuple[Array, Array]:
 
 def attainable(corners: Array, poses: Array) -> float:
     """Return the share of `poses` (P, 2) with a wall 1 to 2 m away: about what one echo a pose can
-    get right."""
+    get right.
+    """
     return float(feet(corners, poses)[1].any(axis=1).mean()) if len(poses) else float("nan")
 
 

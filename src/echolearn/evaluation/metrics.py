@@ -94,19 +94,22 @@ def precision(reference: Array, kept: Array, *, weights: Array | None = None) ->
 
 def recall(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
     """Return the share of reflectors that are kept, of a map its true retention; NaN without
-    reflectors."""
+    reflectors.
+    """
     return rates(reference, kept, weights=weights)["recall"]
 
 
 def specificity(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
     """Return the share of spurious rows that are dropped, of a map its spurious removal; NaN
-    without any."""
+    without any.
+    """
     return rates(reference, kept, weights=weights)["specificity"]
 
 
 def accuracy(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
     """Return the share of rows judged rightly; NaN without rows. Never report it without
-    `balanced_accuracy`."""
+    `balanced_accuracy`.
+    """
     return rates(reference, kept, weights=weights)["accuracy"]
 
 
@@ -117,7 +120,8 @@ def balanced_accuracy(reference: Array, kept: Array, *, weights: Array | None = 
 
 def f1(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
     """Return the harmonic mean of `precision` and `recall`; 0 if all is lost, NaN without
-    reflectors and kept rows."""
+    reflectors and kept rows.
+    """
     return rates(reference, kept, weights=weights)["f1"]
 
 
@@ -125,7 +129,8 @@ def orders(
     reference: Array, confidence: Array, *, weights: Array | None = None
 ) -> dict[str, Array]:
     """Return all metrics that look at the order of confidences only, by name; each is also a
-    function of its own."""
+    function of its own.
+    """
     true, false = _ladder(reference, confidence, weights)
     found, spurious = np.cumsum(true, axis=-1), np.cumsum(false, axis=-1)
     total, others = true.sum(axis=-1), false.sum(axis=-1)
@@ -139,7 +144,8 @@ def orders(
 
 def auc(reference: Array, confidence: Array, *, weights: Array | None = None) -> Array:
     """Return the chance that a reflector outranks a spurious row, ties counting half; NaN unless
-    both are there."""
+    both are there.
+    """
     return orders(reference, confidence, weights=weights)["auc"]
 
 
@@ -147,7 +153,8 @@ def average_precision(
     reference: Array, confidence: Array, *, weights: Array | None = None
 ) -> Array:
     """Return the area under the precision-recall curve as a sum of steps, not interpolated; NaN
-    without reflectors."""
+    without reflectors.
+    """
     return orders(reference, confidence, weights=weights)["average_precision"]
 
 
@@ -177,7 +184,8 @@ def auc_shares(reference: Array, first: Array, second: Array) -> Array:
 
 def balanced_accuracy_shares(reference: Array, first: Array, second: Array) -> Array:
     """Return what each row adds to balanced_accuracy(first) - balanced_accuracy(second), as
-    `auc_shares` does."""
+    `auc_shares` does.
+    """
     validate(reference, first)
     validate(reference, second)
     share = (
@@ -194,7 +202,8 @@ def _level(values: Array, others: Array) -> Array:
 
 def pr_curve(reference: Array, confidence: Array) -> tuple[Array, Array, Array]:
     """Return precision, recall and threshold, each (D,), for every distinct confidence, the highest
-    first."""
+    first.
+    """
     true, false = _ladder(reference, confidence, None)
     found, spurious = np.cumsum(true), np.cumsum(false)
     return _ratio(found, found + spurious), _ratio(found, found[-1:]), np.unique(confidence)[::-1]
@@ -235,7 +244,8 @@ def expected_calibration_error(
 
 def error_mean(error: Array, kept: Array, *, weights: Array | None = None) -> Array:
     """Return the mean of `error` (B,), point to wall in m, over the kept points; NaN where nothing
-    is kept."""
+    is kept.
+    """
     _check_bool("kept", kept)
     each = _weights(error, weights)
     return _ratio(each @ np.where(kept, error, 0.0), each @ np.asarray(kept, dtype=float))
@@ -245,7 +255,8 @@ def error_quantile(
     error: Array, kept: Array, *, share: float = 0.5, weights: Array | None = None
 ) -> Array:
     """Return the smallest error (B,) in m that `share` of the kept points do not exceed; NaN where
-    nothing is kept."""
+    nothing is kept.
+    """
     _check_bool("kept", kept)
     rising = np.argsort(error[kept], kind="stable")
     reached = np.cumsum(_weights(error, weights)[..., kept][..., rising], axis=-1)
@@ -329,7 +340,8 @@ def _ratio(part: Array, whole: Array) -> Array:
 
 def _ladder(reference: Array, confidence: Array, weights: Array | None) -> tuple[Array, Array]:
     """Sum the weights of reflectors and of others at each distinct confidence, highest first: (...,
-    D) each."""
+    D) each.
+    """
     validate(reference, confidence, weights)
     order = np.argsort(-confidence, kind="stable")
     steps = np.flatnonzero(np.diff(confidence[order], prepend=np.inf))

@@ -235,7 +235,8 @@ def judge_map(
 
 def at_the_edge(row: Row, count: int) -> Row:
     """Return a row of a share, by Wilson's interval where all of `count` points or none leave a
-    bootstrap no width."""
+    bootstrap no width.
+    """
     if row["seed"] != "" or row["value"] not in (0.0, 1.0) or count == 0:
         return row
     found = stats.wilson(round(row["value"] * count), count)
@@ -244,7 +245,8 @@ def at_the_edge(row: Row, count: int) -> Row:
 
 def yardsticks(reference: Array, *, seed: int = 0) -> dict[str, Answer]:
     """Return the answers that no classifier gives: keep everything, nothing, the right ones, or
-    toss a coin."""
+    toss a coin.
+    """
     rows = np.arange(len(reference))
     confidence = {
         "keep_everything": np.ones(len(rows)),
@@ -257,7 +259,8 @@ def yardsticks(reference: Array, *, seed: int = 0) -> dict[str, Answer]:
 
 def paired(first: Sequence[Answer], second: Sequence[Answer]) -> list[tuple[Answer, Answer]]:
     """Return the answers of two contestants seed by seed; a lone answer of the second goes with
-    each of the first."""
+    each of the first.
+    """
     return [(a, b) for a in first for b in second if a.seed == b.seed or len(second) == 1]
 
 
@@ -314,7 +317,8 @@ def _answer(answer: Answer, metric: str) -> Array:
 
 def correct(tests: Iterable[Row]) -> list[Row]:
     """Add Holm's correction, as `p_holm`, for the number of tests of the same metric and training
-    set."""
+    set.
+    """
     rows = list(tests)
     adjusted: dict[int, float] = {}
     for key in {(row["metric"], row["trained_on"]) for row in rows}:

@@ -42,7 +42,8 @@ class Interval(NamedTuple):
 
 class Difference(NamedTuple):
     """A paired difference, first minus second, with its confidence interval and the p value of "no
-    difference"."""
+    difference".
+    """
 
     value: float
     low: float
@@ -197,7 +198,8 @@ def paired_test(
 
 def holm(p: Array) -> Array:
     """Correct p values (K,) for their number: reject where the result is below alpha. NaN (no test)
-    stays NaN."""
+    stays NaN.
+    """
     p = np.asarray(p, dtype=float)
     order = np.argsort(p)[: np.isfinite(p).sum()]
     adjusted = np.full(p.shape, np.nan)
@@ -215,13 +217,15 @@ def _clusters(groups: Array) -> tuple[Array, int]:
 
 def _blocks(weights: Array) -> list[Array]:
     """Cut weights into blocks of about 0.5 MB: what stays in the processor's cache goes several
-    times faster."""
+    times faster.
+    """
     return np.array_split(weights, max(1, weights.size // 2**16))
 
 
 def _swapped(shares: Array, groups: Array, *, swaps: int, seed: int) -> Array:
     """Toss a coin for each cluster, swap its answers or not, and return the differences, shape
-    (swaps,)."""
+    (swaps,).
+    """
     check_whole("swaps", swaps, low=1)
     member, clusters = _clusters(groups)
     rng = np.random.default_rng(

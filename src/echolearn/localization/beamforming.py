@@ -47,7 +47,8 @@ def steering(
     array: MicArray, azimuth: Array, elevation: Array, *, frequencies: Array, speed_of_sound: float
 ) -> Array:
     """Return steering vectors exp(-j omega delay), shape (F, A, M): directions (A,), `frequencies`
-    (F,) in Hz."""
+    (F,) in Hz.
+    """
     delays = far_field_delays(array, azimuth, elevation, speed_of_sound)
     return np.exp(-2j * np.pi * frequencies[:, None, None] * delays)
 
@@ -70,7 +71,8 @@ def regularize(covariances: Array, gamma: float) -> Array:
 
 def pack(hermitian: Array) -> Array:
     """Return Hermitian matrices (..., M, M) as reals (..., M*M): diagonal, upper real parts, upper
-    imaginary parts."""
+    imaginary parts.
+    """
     upper = np.triu_indices(hermitian.shape[-1], 1)
     above = hermitian[..., upper[0], upper[1]]
     return np.concatenate(
@@ -80,7 +82,8 @@ def pack(hermitian: Array) -> Array:
 
 def pack_steering(vectors: Array) -> Array:
     """Return weights (..., M*M) with which `pack(R)` gives d^H R d, for steering vectors d (...,
-    M)."""
+    M).
+    """
     outer = vectors.conj()[..., :, None] * vectors[..., None, :]
     packed = pack(outer)
     microphones = vectors.shape[-1]
@@ -91,7 +94,8 @@ def pack_steering(vectors: Array) -> Array:
 
 def quadratic(hermitian: Array, weights: Array) -> Array:
     """Return d^H R d per bin, shape (F, B, A), for matrices R (B, F, M, M) and packed steering (F,
-    M*M, A)."""
+    M*M, A).
+    """
     return np.moveaxis(pack(hermitian), -2, 0) @ weights
 
 
@@ -156,7 +160,8 @@ def steering_weights(
     speed_of_sound: float,
 ) -> Array:
     """Return packed steering for `direction_grid` and the bins of an STFT, shape (F, M*M, A),
-    float32, cached."""
+    float32, cached.
+    """
     return _steering_weights(
         array.positions.tobytes(), azimuths, elevations, frame, sample_rate, speed_of_sound
     )
@@ -224,7 +229,8 @@ def steered_response(
 
 def interpolate(spectrum: Array, size: int, finer: int) -> Array:
     """Return `finer` points per lag of correlations given by their spectra over `size` lags, (...,
-    finer * size)."""
+    finer * size).
+    """
     if size % 2 == 0:
         spectrum = np.concatenate(
             [spectrum[..., :-1], spectrum[..., -1:] / 2], axis=-1

@@ -85,7 +85,8 @@ def check_shape(observation: Observation) -> None:
 
 def check_clipping(samples: Array) -> None:
     """Raise `BadValue` if in a channel of `samples` (B, M, N) more than `CLIPPED` of them are at
-    the rails."""
+    the rails.
+    """
     magnitude = np.abs(samples)
     rail = magnitude.max(axis=-1, keepdims=True)
     clipped = (np.mean(magnitude >= rail, axis=-1) > CLIPPED) & ~stuck(samples)
@@ -105,7 +106,8 @@ def check_clipping(samples: Array) -> None:
 
 def energies(samples: Array) -> Array:
     """Return the energy of each recording (B, M, N), shape (B, M); NaN or infinity where a sample
-    is."""
+    is.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         return np.vecdot(samples, samples)
 
@@ -119,7 +121,8 @@ def stuck(samples: Array) -> Array:
 
 def deaf(samples: Array) -> Array:
     """Tell which microphones do not hear, shape (B, M), bool; none where a whole recording (M, N)
-    is silent."""
+    is silent.
+    """
     energy = energies(samples)
     quiet = (energy <= DEAF * np.median(energy, axis=-1, keepdims=True)) | stuck(samples)
     return quiet & ~quiet.all(axis=-1, keepdims=True)
@@ -127,7 +130,8 @@ def deaf(samples: Array) -> Array:
 
 def tell(silent: Array, *, reference: bool) -> None:
     """Warn of deaf microphones, `silent` (B, M); refuse them if the first is one and is needed as
-    the `reference`."""
+    the `reference`.
+    """
     if not silent.any():
         return
     names = ", ".join(str(channel + 1) for channel in np.flatnonzero(silent.any(axis=0)))

@@ -110,7 +110,8 @@ def echo_columns(
     matched: MatchedFilter, echo: Echoes, whole: Mapping[str, Array], names: Collection[str]
 ) -> dict[str, Array]:
     """Return the description of one echo per observation, fields (B,), with what is known of the
-    `whole` recording."""
+    `whole` recording.
+    """
     index = matched.index(echo.toa)
     toward = direction(echo.azimuth, echo.elevation)
     known = {
@@ -152,7 +153,8 @@ def beam_columns(covariances: Array, matched: MatchedFilter) -> dict[str, Array]
 
 def steered_columns(matched: MatchedFilter, index: Array, toward: Array) -> dict[str, Array]:
     """Return the columns that compare all microphones, at lag indices (B,) and unit vectors
-    `toward` (B, 3)."""
+    `toward` (B, 3).
+    """
     rows, steered = np.arange(len(index)), matched.steered
     lags = steered.shape[-1]
     aligned = align(matched, index, toward)[:, :, SEGMENT // 2]
@@ -176,7 +178,8 @@ def steered_columns(matched: MatchedFilter, index: Array, toward: Array) -> dict
 
 def align(matched: MatchedFilter, index: Array, toward: Array) -> Array:
     """Return r_m(toa + eta_m + k) for k from -SEGMENT/2, eta_m of unit vectors (B, 3), shape (B, M,
-    SEGMENT)."""
+    SEGMENT).
+    """
     along = toward @ matched.observation.array.positions.T
     eta = (along[:, :1] - along) * matched.scale
     advanced = beamforming.advance(matched.padded, eta[:, None])[:, 0]
@@ -185,14 +188,16 @@ def align(matched: MatchedFilter, index: Array, toward: Array) -> Array:
 
 def cut(padded: Array, index: Array) -> Array:
     """Return `SEGMENT` lags centred on lag indices (B,) of `padded` (B, M, L + 2 PAD), shape (B, M,
-    SEGMENT)."""
+    SEGMENT).
+    """
     lags = index[:, None] + beamforming.PAD - SEGMENT // 2 + np.arange(SEGMENT)
     return np.take_along_axis(padded, lags[:, None, :], axis=-1)
 
 
 def gated_covariances(matched: MatchedFilter, index: Array, toward: Array) -> dict[str, Array]:
     """Return the covariance tensors of the matched-filter outputs around the echo, plain and
-    steered."""
+    steered.
+    """
     segments = {
         "covariance_gated": cut(matched.padded, index),
         "covariance_steered": align(matched, index, toward),
@@ -206,7 +211,8 @@ def gated_covariances(matched: MatchedFilter, index: Array, toward: Array) -> di
 
 def band_average(covariances: Array) -> Array:
     """Return covariances (B, F, M, M), bin 0 left out, averaged over `BANDS` equal bands: packed,
-    trace M."""
+    trace M.
+    """
     bins = (covariances.shape[1] - 1) // BANDS
     used = covariances[:, 1 : 1 + bins * BANDS]
     packed = beamforming.pack(used.reshape(len(used), BANDS, bins, *used.shape[2:]).mean(axis=2))

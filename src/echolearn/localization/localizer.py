@@ -25,4 +25,5 @@ class Localizer(Protocol):
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Return the echoes, fields (B, R), of observations with samples (B, M, N); `view` is
-        theirs, if there is one."""
+        theirs, if there is one.
+        """

@@ -119,7 +119,8 @@ class MatchedFilter:
 
     def having(self, padded: Array) -> "MatchedFilter":
         """Return a view of the same recordings that has other matched-filter outputs, shaped like
-        `padded`."""
+        `padded`.
+        """
         other = copy(self)
         for name in ("correlation", "steered", "strongest"):
             vars(other).pop(name, None)
@@ -137,7 +138,8 @@ class MatchedFilter:
 
     def score(self, index: Array) -> Array:
         """Return the normalised correlation of microphone 1 with the probe at lag indices (B,), -1
-        to 1."""
+        to 1.
+        """
         rows = np.arange(len(index))
         energy = np.maximum(self.energy[rows, 0, index] * self.probe_energy, 1e-30)
         return self.correlation[rows, 0, index] / np.sqrt(energy)
@@ -148,7 +150,8 @@ class MatchedFilter:
 
     def gated_power(self, index: Array) -> Array:
         """Return the steered power within `GATE` lags of lag indices (B,): sum_k J(tau + k, phi)^2,
-        shape (B, A)."""
+        shape (B, A).
+        """
         offsets = np.clip(index[:, None] + np.arange(-GATE, GATE + 1), 0, self.last - self.first)
         rows = np.arange(len(index))[:, None, None]
         gate = self.steered[rows, np.arange(self.azimuths + 1)[:, None], offsets[:, None, :]]
@@ -189,7 +192,8 @@ def matched_view(
 
 def check_extent(matched: MatchedFilter) -> None:
     """Raise `BadValue` unless the array is small enough to be steered within `PAD` lags of the
-    window."""
+    window.
+    """
     positions = matched.observation.array.positions
     largest = float(np.linalg.norm(positions - positions[:1], axis=-1).max())
     allowed = f"microphones up to {beamforming.PAD / matched.scale:.2f} m from the first"

@@ -86,7 +86,8 @@ def expect_maximize(
     padded: Array, search: Search, starts: Sequence[Peak], *, burst: Array, iterations: int
 ) -> list[Peak]:
     """Return the echoes that EM reaches from `starts` in at most `iterations`; a fixed point is
-    left as it is."""
+    left as it is.
+    """
     peaks = list(starts)
     models = [heard(peak, search, burst, padded.shape[-1]) for peak in peaks]
     rows = np.arange(len(padded))
@@ -105,7 +106,8 @@ def expect_maximize(
 
 def differs(peak: Peak, former: Peak) -> Array:
     """Tell which echoes have moved by more than 1e-4 samples, rad, or of their gain, shape (B,),
-    bool."""
+    bool.
+    """
     still = np.isclose(peak.lag, former.lag, rtol=0, atol=1e-4) & np.isclose(
         peak.gain, former.gain, rtol=1e-4, atol=0
     )
@@ -114,7 +116,8 @@ def differs(peak: Peak, former: Peak) -> Array:
 
 def heard(peak: Peak, search: Search, burst: Array, size: int) -> Array:
     """Return the correlations that echoes (B,) have with the probe: g a(t - tau - eta_m(phi)),
-    shape (B, M, size)."""
+    shape (B, M, size).
+    """
     delays = search.delays(peak.lag, peak.azimuth, peak.elevation)
     if search.spatial is not None:
         return search.spatial.heard(peak.gain, delays, size)
@@ -171,7 +174,8 @@ def _put(
 @lru_cache(maxsize=4)
 def _autocorrelation(burst: bytes, size: int) -> Array:
     """Return a(k - p / PHASES) for p = 0 ... PHASES and lags k around 0, shape (PHASES + 1, 2 reach
-    + 1)."""
+    + 1).
+    """
     samples = np.frombuffer(burst)
     reach = size + 8 * PAD
     length = fft.next_fast_len(2 * (len(samples) + reach), real=True)

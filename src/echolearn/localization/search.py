@@ -94,7 +94,8 @@ class Search:
 
     def grid(self, weighted: Array) -> Array:
         """Return J of weighted correlations on the grid, inside the window, shape (B, A, finer * (L
-        - 1) + 1)."""
+        - 1) + 1).
+        """
         surface = beamforming.steered_response(
             weighted, self.array, self.azimuth, self.elevation, scale=self.scale, finer=self.finer
         )
@@ -113,12 +114,14 @@ class Search:
 
     def delays(self, lag: Array, azimuth: Array, elevation: Array) -> Array:
         """Return tau + eta_m(phi) of echoes (B,), in samples after the window's first lag, shape
-        (B, M)."""
+        (B, M).
+        """
         return lag[:, None] + relative_delays(self.array, azimuth, elevation, 1.0) * self.scale
 
     def read(self, padded: Array, lag: Array, azimuth: Array, elevation: Array) -> Array:
         """Return r_m(tau + eta_m(phi)) of correlations (B, M, L + 2 PAD) at echoes (B,), shape (B,
-        M)."""
+        M).
+        """
         delays = self.delays(lag, azimuth, elevation)
         return derivatives(fft.rfft(padded), padded.shape[-1], delays)[0]
 
@@ -146,7 +149,8 @@ class Search:
 
     def newton(self, spectrum: Array, size: int, here: Array, elevation: Array) -> Array:
         """Return Newton's step towards the summit of J from (lag, azimuth), shape (2, B); 0 where J
-        is not concave."""
+        is not concave.
+        """
         _, slope, bend = derivatives(spectrum, size, self.delays(here[0], here[1], elevation))
         turn, swing = self.turning(here[1], elevation)
         rise = np.stack([slope.sum(axis=-1), (slope * turn).sum(axis=-1)])
@@ -161,7 +165,8 @@ class Search:
 
     def turning(self, azimuth: Array, elevation: Array) -> tuple[Array, Array]:
         """Return the first and second derivative of eta_m by the azimuth, in samples per rad, shape
-        (B, M)."""
+        (B, M).
+        """
         positions = (self.array.positions - self.array.positions[0]) * self.scale
         level = np.where(np.sin(elevation) < 1e-9, 0.0, np.sin(elevation))[:, None]
         ahead = direction(azimuth, np.pi / 2)

@@ -26,7 +26,8 @@ TOGETHER = 0.1
 
 def apart(matched: MatchedFilter, echoes: Echoes) -> list[MatchedFilter]:
     """Return a view for each of R echoes (B, R) in which the others have been subtracted; R = 1 is
-    the view itself."""
+    the view itself.
+    """
     count = echoes.toa.shape[1]
     if count == 1:
         return [matched]

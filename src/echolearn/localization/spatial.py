@@ -81,12 +81,14 @@ class Spatial:
 
     def whiten(self, samples: Array) -> Array:
         """Return recordings (B, M, N) with noise that is independent between microphones,
-        Gamma^-1/2 y."""
+        Gamma^-1/2 y.
+        """
         return self._apply(self.root, samples)[..., : samples.shape[-1]]
 
     def correlate(self, samples: Array, *, first: int, last: int) -> Array:
         """Return conj(s) Gamma^-1 y at lags `first` to `last`, also negative ones, shape (B, M,
-        lags)."""
+        lags).
+        """
         full = self._apply(self.probe.conj()[:, None, None] * self.inverse, samples)
         return full[..., np.arange(first, last + 1)]
 
@@ -161,7 +163,8 @@ def spatial(white: Observation, raw: Observation, *, heard: Array) -> Spatial:
 
 def with_density(observation: Observation) -> Observation:
     """Return an observation that knows the densities of its noise: the covariance's, where it has
-    no others."""
+    no others.
+    """
     covariance = check_covariance(observation)
     psd = np.diagonal(covariance, axis1=-2, axis2=-1).real.T
     return observation if observation.noise_psd is not None else replace(observation, noise_psd=psd)
@@ -213,7 +216,8 @@ def _spatial(
 
 def shorten(coherence: Array, *, lags: int, size: int) -> Array:
     """Return coherences (F, M, M) cut to `lags` on either side by a Hann taper, over `size` points,
-    of mean level 1."""
+    of mean level 1.
+    """
     full = 2 * (len(coherence) - 1)
     lags = min(lags, full // 2 - 1)
     kept = fft.irfft(coherence, full, axis=0)[np.arange(-lags, lags + 1)]

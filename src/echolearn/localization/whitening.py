@@ -55,7 +55,8 @@ def check_known(observation: Observation) -> None:
 
 def check_whiten(value: object, *more: str) -> None:
     """Raise `BadValue` unless `value` is a way in which a localizer can whiten: true, false or one
-    of `more`."""
+    of `more`.
+    """
     allowed = ", ".join(["true", "false", *more])
     known = isinstance(value, bool) or value in more
     check(
@@ -69,7 +70,8 @@ def check_whiten(value: object, *more: str) -> None:
 
 def colour(psd: Array) -> Array:
     """Return the mean shape of densities (M, F), scaled to mean 1, shape (F,); silent microphones
-    do not count."""
+    do not count.
+    """
     level = psd.mean(axis=-1, keepdims=True)
     heard = level[:, 0] > 0
     check(bool(heard.any()), "observation.noise_psd", "0", allowed="noise at some microphone")

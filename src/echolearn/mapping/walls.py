@@ -101,7 +101,8 @@ def _longest(points: Array, members: Array) -> Array:
 
 def _fit(points: Array, toward: Array) -> Line:
     """Return the total least squares line through points, its normal on the side they were heard
-    toward."""
+    toward.
+    """
     centre = points.mean(axis=0)
     axes = np.linalg.svd(points - centre, full_matrices=False)[2]
     if (

@@ -114,7 +114,8 @@ def read(folder: Path) -> Bundle:
 
 def _parse(text: bytes, name: str) -> dict[str, Any]:
     """Return the content of `bundle.json`, proved against its own checksum, its keys and names of
-    files checked."""
+    files checked.
+    """
     try:
         about = json.loads(text, parse_constant=_refuse)
         whole = isinstance(about, dict) and readable(manifests.stamped(about)) == text

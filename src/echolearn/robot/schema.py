@@ -23,7 +23,8 @@ FIGURE = ("value", "ci_low", "ci_high")
 
 def part(about: Mapping[str, Any], name: str, keys: str, *, of: str = "") -> dict[str, Any]:
     """Return a mapping within `bundle.json`, or within its part `of`, that must have exactly these
-    keys."""
+    keys.
+    """
     found = about[name]
     known = isinstance(found, dict) and sorted(found) == sorted(keys.split())
     check(

@@ -273,7 +273,8 @@ def prove(path: Path) -> str:
 
 def _open(read: bundle.Bundle, name: str, run: onnxruntime.RunOptions) -> Callable[[Array], Array]:
     """Return the function that a bundle's model computes; every complaint of onnxruntime's becomes
-    a `BadValue`."""
+    a `BadValue`.
+    """
     _limit_memory()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -330,7 +331,8 @@ def _short(error: BaseException) -> str:
 
 def _turn(positions: Array, found: Array) -> tuple[float, float]:
     """Return the angle about z that brings microphones (M, 3) to those found, and the largest
-    distance left."""
+    distance left.
+    """
     if float(np.abs(positions - found).max()) <= 1e-6:
         return 0.0, 0.0
     here, there = positions[:, 0] + 1j * positions[:, 1], found[:, 0] + 1j * found[:, 1]

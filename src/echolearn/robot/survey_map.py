@@ -146,7 +146,8 @@ def _way(walk: reader.Survey, way: str) -> str:
 
 def check_fit(scorer: Scorer, walk: reader.Survey) -> None:
     """Raise `BadValue` if a survey's microphones, sample rate or probe are not the bundle's, before
-    it is heard."""
+    it is heard.
+    """
     count, wanted = len(walk.array), len(scorer.bundle.array)
     check(
         count == wanted,
@@ -207,7 +208,8 @@ def _listen(scorer: Scorer, walk: reader.Survey, block: Sequence[int]) -> Heard:
 
 def scores(chart: Chart) -> dict[str, float | None] | None:
     """Return what a map is worth, or None where the room is not known; a metric without a value is
-    None."""
+    None.
+    """
     if chart.outline is None:
         return None
     found = chart.map
@@ -229,7 +231,8 @@ def say(about: Mapping[str, Any]) -> None:
 
 def _finished(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
     """Return the manifest of a finished map with these inputs; refuse a folder that holds something
-    else."""
+    else.
+    """
     names = {path.name for path in folder.glob("[!.]*")} if folder.is_dir() else set()
     foreign = (names and "map.csv" not in names) or (folder.exists() and not folder.is_dir())
     hint = f"{folder} {'holds' if names else 'is'} something else"
@@ -251,7 +254,8 @@ def _files(chart: Chart, *, ros: bool) -> Files:
 
 def _write(folder: Path, files: Files, about: Mapping[str, Any]) -> dict[str, Any]:
     """Write a map in place of the one before, once it is known that all of it can be; return its
-    manifest."""
+    manifest.
+    """
     for path in (folder / name for name in (*files, manifests.MANIFEST)):
         check(
             path.is_file() or not path.exists(),

@@ -112,7 +112,8 @@ def read_arrays(
 
 def _array(data: bytes, dtype: str, shape: tuple[int, ...]) -> Array:
     """Return what an `.npy` file holds, or raise ValueError if that is not an array of that type
-    and shape."""
+    and shape.
+    """
     check(data[:8] == b"\x93NUMPY\x01\x00", "npy", "another version", allowed="1.0")
     end = 10 + int.from_bytes(data[8:10], "little")
     header = ast.literal_eval(data[10 : min(end, 1024)].decode("latin1").strip())
@@ -198,7 +199,8 @@ def _dimensions(tensor: memoryview) -> Iterator[int]:
 
 def _fields(message: memoryview) -> Iterator[tuple[int, Value]]:
     """Yield number and value of each field of a message; raise ValueError or IndexError if it is
-    cut or malformed."""
+    cut or malformed.
+    """
     place = 0
     while place < len(message):
         key, place = _varint(message, place)

@@ -123,7 +123,8 @@ def keep_memory() -> None:
 @contextmanager
 def single_threads() -> Iterator[None]:
     """Let processes started inside compute with one thread each, or two of them fight over two
-    cores."""
+    cores.
+    """
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, "1"))
@@ -136,7 +137,8 @@ def single_threads() -> Iterator[None]:
 
 def _begin(first: Callable[[], object] | None) -> None:
     """Die of an interrupt at once, and with the parent, even if it was killed: a pool's workers
-    would wait forever."""
+    would wait forever.
+    """
     signal(SIGINT, SIG_DFL)
     Thread(target=_end_with_parent, daemon=True, name=WATCH).start()
     if first is not None:

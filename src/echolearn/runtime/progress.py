@@ -1,5 +1,6 @@
 """How far long work has come: a bar on a terminal, a plain line now and then elsewhere; always on
-stderr."""
+stderr.
+"""
 
 import sys
 import time
@@ -32,7 +33,8 @@ def track(
 
 def bar(items: Iterable[T], title: str, *, total: int, unit: str, done: int) -> Iterator[T]:
     """Draw a bar that moves with every item; without a thread that redraws it, so that the process
-    can be forked."""
+    can be forked.
+    """
     from rich.console import Console
     from rich.progress import (
         BarColumn,

@@ -97,7 +97,8 @@ def check_pings(pings: object, name: str = "pings") -> None:
 
 def _mean(noise: Noise, array: MicArray, *, pings: int, **draw: Any) -> Array:
     """Return the mean of `pings` independent draws of a noise, shape (M, N); for white noise see
-    the header."""
+    the header.
+    """
     if isinstance(noise, White):
         return noise(array, **draw) / np.sqrt(pings)
     return sum((noise(array, **draw) for _ in range(pings)), start=np.zeros(())) / pings

@@ -1,5 +1,6 @@
 """What every observation of a robot shares: its microphones, its burst, the engine and the noises
-around it."""
+around it.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,5 +1,6 @@
 """Simulate a robot's walk through a room and store it in the recorded-survey format
-(`recording.py`)."""
+(`recording.py`).
+"""
 
 import math
 from collections.abc import Mapping
@@ -162,7 +163,8 @@ def noise_length(scene: Scene, seconds: float | None) -> float:
 
 def _told(*, pings: int, **values: float | None) -> dict[str, Any]:
     """Return what is given of a survey's numbers; a single ping goes without saying, as it always
-    has."""
+    has.
+    """
     told: dict[str, Any] = {key: float(value) for key, value in values.items() if value is not None}
     return told | ({"pings": int(pings)} if pings > 1 else {})
 
@@ -173,7 +175,8 @@ def _names(walk: list[Pose]) -> list[str]:
 
 def _is_finished(folder: Path, about: dict[str, object]) -> bool:
     """Tell whether the survey stands there whole; one made otherwise is refused, a damaged one is
-    made again."""
+    made again.
+    """
     foreign = folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / BEGUN).is_file()
     hint = f"{folder} holds recordings of another origin"
     check(

@@ -177,7 +177,8 @@ def open_array(path: Path, *, size: int, sha256: str, mend: str = MEND) -> Array
 
 def let_go(array: Array) -> None:
     """Give the pages of a memory-mapped array back to the system, which keeps them cached; a later
-    look maps anew."""
+    look maps anew.
+    """
     mapping = getattr(array, "_mmap", None)
     if mapping is not None and hasattr(mmap, "MADV_DONTNEED"):
         mapping.madvise(mmap.MADV_DONTNEED)

@@ -59,7 +59,8 @@ def kind_of(value: object) -> str:
 
 def plain(value: Any) -> Any:
     """Return `value` as plain containers for a manifest: dataclasses by kind and fields, arrays by
-    their hash."""
+    their hash.
+    """
     if is_dataclass(value) and not isinstance(value, type):
         return {KIND: kind_of(value)} | {
             field.name: plain(getattr(value, field.name)) for field in fields(value)

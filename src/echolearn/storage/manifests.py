@@ -94,7 +94,8 @@ def finish(
 
 def stamped(content: Mapping[str, Any]) -> dict[str, Any]:
     """Return plain containers with the SHA-256 of all the rest under the key `sha256`, as JSON
-    gives them back."""
+    gives them back.
+    """
     rest = {key: value for key, value in content.items() if key != "sha256"}
     text = canonical(rest)
     return {**json.loads(text), "sha256": hashlib.sha256(text).hexdigest()}
@@ -156,7 +157,8 @@ def check_folder(name: str, folder: Path, *, allowed: str, hint: str = "") -> No
 
 def _names_files(entries: Any) -> bool:
     """Tell whether a manifest's `files` are sizes and checksums by names that stay inside the
-    folder."""
+    folder.
+    """
     return isinstance(entries, dict) and all(
         name
         and "\0" not in name
@@ -200,14 +202,16 @@ def made_by(command: str | None) -> dict[str, str]:
 
 def advice(manifest: Mapping[str, Any]) -> str:
     """Return how to mend a damaged file of the folder with this manifest: by its command, if it is
-    one of ours."""
+    one of ours.
+    """
     command = manifest.get("command")
     return f"run again: {command}" if is_command(command) else MEND
 
 
 def is_command(text: object) -> bool:
     """Tell whether a text is one command line of echolearn, quoted as a shell needs it: nothing
-    follows in its wake."""
+    follows in its wake.
+    """
     if not (isinstance(text, str) and text.startswith("echolearn ") and text.isprintable()):
         return False
     try:

@@ -1,5 +1,6 @@
 """Text that commands write into pages which people wrote, between two markers; all the rest of a
-page stays."""
+page stays.
+"""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -52,7 +53,8 @@ def between(page: Path, markers: Markers) -> str:
 
 def write_between(page: Path, text: str, markers: Markers) -> None:
     """Put `text` between the markers of a page, atomically, one command after another; see `around`
-    for errors."""
+    for errors.
+    """
     around(page, markers)
     with locked(page):
         before, after = around(page, markers)

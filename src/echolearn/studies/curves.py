@@ -1,5 +1,6 @@
 """What a study found, to read and to look at: a tidy table, figures in the paper's layout, a table
-in words."""
+in words.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -124,7 +125,8 @@ def paint_line(
     axis: Axes, name: str, rows: Sequence[Row], *, x: Array, number: int | None, apart: bool
 ) -> None:
     """Draw one localizer with its interval as a band, or with bars if values stand `apart`; number
-    None is chance."""
+    None is chance.
+    """
     style: Any = {"color": GREY, "linestyle": "--"}
     if number is not None:
         style = {

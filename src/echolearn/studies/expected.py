@@ -181,7 +181,8 @@ def _row(each: Expectation, found: Found, p: float, holm: float) -> str:
 
 def _kept(each: Expectation, before: str) -> str | None:
     """Return the row of an expectation in an earlier table; several may be of one thing, so the
-    figure counts, too."""
+    figure counts, too.
+    """
     begins = f"| {each.what} | " + (
         f"as at {each.beside}: " if each.beside else f"{each.words({})} | {each.source} |"
     )

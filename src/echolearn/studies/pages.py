@@ -52,7 +52,8 @@ def publish(folder: Path, page: Path) -> None:
 
 def section(folder: Path, page: Path) -> str:
     """Return a study's text for a page, and copy its table and figures; a study of one value has
-    none to show."""
+    none to show.
+    """
     manifest = manifests.verify(folder)
     title, _, tables = (folder / "study.md").read_text().partition("\n")
     words = [

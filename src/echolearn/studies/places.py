@@ -28,7 +28,8 @@ WALKS = 4
 
 def corner(room: Room, walls: tuple[float, float], *, seed: int, position: int) -> Pose:
     """Return a pose in a corner, its walls at the distances `walls` in either order, in m, at
-    mid-height."""
+    mid-height.
+    """
     rng = stream(seed, "place", position)
     away = rng.permutation(walls)
     size, far = np.array(room.size), rng.integers(2, size=2).astype(bool)

@@ -258,7 +258,8 @@ def run(
 
 def _estimates(study: Any) -> str:
     """Return the name of the folder that holds what was found in a study, given as plain
-    containers."""
+    containers.
+    """
     return f"estimates-{digest(study)}"
 
 

@@ -1,5 +1,6 @@
 """What localizers make of recordings at one place: the fault of the array, the estimates, and which
-of them hit."""
+of them hit.
+"""
 
 import warnings
 from collections.abc import Sequence
@@ -109,7 +110,8 @@ class Trials:
 
     def record(self) -> Observation:
         """Return all recordings, samples (B, M, N), with what a recording of the noise alone tells
-        of it."""
+        of it.
+        """
         room, rng, pings = self.condition.room, self.rng("fault", self.place), self.condition.pings
         scene, gains = spoil(self.scene, self.condition.fault, rng, first=self.place)
         levels = {"snr_db": self.condition.snr_db, "sdnr_db": self.condition.sdnr_db}
@@ -128,7 +130,8 @@ class Trials:
 
     def judge(self, localizers: Sequence[Localizer], window: SearchWindow) -> Array:
         """Return the hits of each localizer and, last, of guesses in `window`: (B, localizers + 1,
-        metrics)."""
+        metrics).
+        """
         observation, room = self.record(), self.condition.room
         estimates = [
             estimate(localizer, observation, self.condition.fault) for localizer in localizers
@@ -146,7 +149,8 @@ def spoil(
     scene: Scene, fault: Fault, rng: np.random.Generator, *, first: int
 ) -> tuple[Scene, Array]:
     """Return the scene as it really is, and the gains (M, 1) of its microphones, 0 of dead ones
-    from the `first` on."""
+    from the `first` on.
+    """
     positions = scene.array.positions
     moved = MicArray(positions + fault.displacement * rng.standard_normal(positions.shape))
     gains = 10.0 ** (fault.gain_db * rng.standard_normal((len(positions), 1)) / 20.0)
@@ -156,7 +160,8 @@ def spoil(
 
 def estimate(localizer: Localizer, observation: Observation, fault: Fault) -> Array:
     """Return TOA, azimuth and elevation of the strongest echo, shape (B, 3), NaN if dead
-    microphones are refused."""
+    microphones are refused.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeafMicrophone)
         try:

@@ -118,7 +118,8 @@ def _check_shape(path: Path, shape: tuple[int, ...], wanted: tuple[int, int]) ->
 
 def check_size(path: Path, limit: int) -> None:
     """Raise `BadValue` if a file is too large or no plain file; one that is missing is left to its
-    reader."""
+    reader.
+    """
     if path.exists():
         check(path.is_file(), str(path), "no plain file", allowed="a file")
         size = path.stat().st_size
@@ -127,13 +128,15 @@ def check_size(path: Path, limit: int) -> None:
 
 def longest(channels: int) -> int:
     """Return how many samples of so many channels a WAV file of float32 holds that is not too large
-    to be read."""
+    to be read.
+    """
     return (LARGEST - 4096) // (4 * channels)  # headers take less
 
 
 def scaled(samples: Array) -> Array:
     """Return samples as float64, PCM of any width scaled to -1 ... 1; that of 8 bits is unsigned
-    around 128."""
+    around 128.
+    """
     if samples.dtype.kind not in "iu":
         return samples.astype(float)
     half = 2.0 ** (8 * samples.dtype.itemsize - 1)

@@ -1,5 +1,6 @@
 """What describes a recorded survey, `survey.yaml` and `poses.csv`, as a stranger writes them: all
-of it is checked."""
+of it is checked.
+"""
 
 import csv
 import math
@@ -122,7 +123,8 @@ def _check_once(node: Any) -> None:
 
 def _check_conditions(conditions: Any, name: str) -> None:
     """Raise `BadValue` unless conditions are a mapping in which levels and pings, where known, are
-    numbers."""
+    numbers.
+    """
     check(isinstance(conditions, dict), name, conditions, allowed="a mapping")
     for key in ("snr_db", "sdnr_db"):
         if conditions.get(key) is not None:
@@ -135,7 +137,8 @@ def _check_conditions(conditions: Any, name: str) -> None:
 
 def _check_plain(text: str) -> None:
     """Raise `ValueError` for YAML of little text that takes endless time or memory: deep nesting,
-    and aliases."""
+    and aliases.
+    """
     depth = deepest = 0
     for character in text:
         depth += (character in "[{") - (character in "]}")
@@ -168,7 +171,8 @@ def _check_known(content: Mapping[Any, Any], path: Path) -> None:
 
 def _metres(value: Any, name: str, shape: tuple[int, ...], *, most: float = NEAR) -> Array:
     """Return lists of coordinates up to `most` m as an array of `shape`, in which -1 is any number
-    but 0."""
+    but 0.
+    """
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
@@ -187,7 +191,8 @@ def _metres(value: Any, name: str, shape: tuple[int, ...], *, most: float = NEAR
 
 def _outline(value: Any, name: str) -> Array:
     """Return the corners of a polygon, shape (C, 2); twice its area is the sum of x_k y_(k+1) -
-    x_(k+1) y_k."""
+    x_(k+1) y_k.
+    """
     corners = _metres(value, name, (-1, 2), most=FAR)
     count, distinct = len(corners), len(np.unique(corners, axis=0))
     check(3 <= count <= 1000, name, f"{count} corners", allowed=CORNERS)

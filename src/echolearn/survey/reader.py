@@ -112,7 +112,8 @@ class Survey:
     @cached_property
     def arrivals(self) -> Array:
         """The direct path at each microphone up to its gain, shape (M, N), at the rate of the
-        recordings."""
+        recordings.
+        """
         if self.direct != "calibration":
             return direct_path.delayed(self.probe, self.array, speed_of_sound=self.speed_of_sound)
         path, (channels, length) = self.folder / CALIBRATION, (len(self.array), self.probe.length)
@@ -133,7 +134,8 @@ class Survey:
     @cached_property
     def noise_statistics(self) -> tuple[Array, Array] | tuple[None, None]:
         """Density and covariance of the noise alone, at the rate of what is read; None where it was
-        not recorded."""
+        not recorded.
+        """
         alone = self.noise()
         if alone is None:
             return None, None
@@ -178,7 +180,8 @@ class Survey:
 
 def blocks(survey: Survey) -> list[range]:
     """Return which poses are heard together, all of them in order: few enough that their recordings
-    fit into memory."""
+    fit into memory.
+    """
     count = len(survey.poses)
     size = max(1, min(BLOCK, SAMPLES // (len(survey.array) * survey.probe.length)))
     return [range(start, min(start + size, count)) for start in range(0, count, size)]
@@ -186,7 +189,8 @@ def blocks(survey: Survey) -> list[range]:
 
 def resampled(observation: Observation, rate: float | None) -> Observation:
     """Return recordings and probe at another sample rate in Hz, by a polyphase filter without
-    delay."""
+    delay.
+    """
     from scipy.signal import resample_poly
 
     probe = observation.probe

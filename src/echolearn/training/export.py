@@ -122,7 +122,8 @@ def open_run(folder: Path) -> Run:
 
 def choose(comparison: Path) -> Run:
     """Return the run that a comparison has chosen: that of the best classifier's best seed, by
-    validation rows alone."""
+    validation rows alone.
+    """
     allowed = "a folder that echolearn compare wrote"
     hint = "make paper makes runs/compare/paper, or: echolearn compare"
     manifests.check_folder("best", comparison, allowed=allowed, hint=hint)
@@ -228,7 +229,8 @@ def _localizer(about: Mapping[str, Any], window: Mapping[str, Any]) -> dict[str,
 
 def judged_rows(run: Run, dataset: Dataset, *, resamples: int) -> dict[str, Any]:
     """Return every metric of labels on the rows that the run held out, with 95 % intervals over
-    positions."""
+    positions.
+    """
     answer, sheet = answer_set(run, dataset), sheet_of(dataset, dataset.name, resamples=resamples)
 
     def every(given: scoring.Answer, weights: Array | None) -> Mapping[str, Array]:
@@ -283,7 +285,8 @@ def pack(run: Run, dataset: Dataset, probe: Probe) -> Files:
 
 def golden(run: Run, dataset: Dataset) -> Array:
     """Return inputs, float32, shape (32, ...): held-out rows by growing confidence, zeros, and the
-    largest floats."""
+    largest floats.
+    """
     rows = run.held_out(dataset)
     x = as_input(run.inputs_of({name: dataset[name][rows] for name in run.inputs}), run.inputs)
     ranked = np.argsort(run.answer(x), kind="stable")

@@ -1,5 +1,6 @@
 """Finished runs, read back: what they were trained on, what they look at, what they answer about a
-test set."""
+test set.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -72,7 +73,8 @@ class Run:
 
     def held_out(self, dataset: Dataset) -> Array:
         """Return the rows of a set that this run's split holds out, shape (B,): of its own set,
-        what it never saw."""
+        what it never saw.
+        """
         groups = (
             dataset["group"] if self.metrics["split"] == "position" else np.arange(len(dataset))
         )
@@ -84,7 +86,8 @@ class Run:
 
     def inputs_of(self, columns: Mapping[str, Array]) -> Array:
         """Return what the classifier looks at, shape (B, K) or (B, bands, M * M), from named
-        columns (B, ...)."""
+        columns (B, ...).
+        """
         tensor = view_of(self.inputs) == COVARIANCE
         return (
             columns[self.inputs[0]]

@@ -186,7 +186,8 @@ def cross_validate(
     classifier: Callable[[], Classifier], task: Task, x: Rows, y: Array, *, folds: int, folder: Path
 ) -> dict[str, Any] | None:
     """Return mean and standard deviation of each metric over the folds of `task`; None for no
-    folds."""
+    folds.
+    """
     if not folds:
         return None
     scores = []

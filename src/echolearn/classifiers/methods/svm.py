@@ -103,7 +103,8 @@ class Svm:
 
     def search(self, x: Array, y: Array, groups: Array, seed: int) -> dict[str, float]:
         """Return the best pair of the grid, `c` and `gamma`, and its cross-validated `auc` and
-        `auc_sd`."""
+        `auc_sd`.
+        """
         fewest = min(len(np.unique(groups[y])), len(np.unique(groups[~y])))
         check(
             fewest >= 2,
@@ -178,7 +179,8 @@ def fold_scores(
 
 def some_positions(groups: Array, rows: int, seed: int) -> Array:
     """Return indices of about `rows` rows that keep whole positions together, all rows if there are
-    fewer."""
+    fewer.
+    """
     if len(groups) <= rows:
         return np.arange(len(groups))
     ids = np.random.default_rng(seed).permutation(np.unique(groups))

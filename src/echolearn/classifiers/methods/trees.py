@@ -134,7 +134,8 @@ class Forest(torch.nn.Module):
 
     def look_up(self, table: str, node: torch.Tensor) -> torch.Tensor:
         """Return the entries of a table at nodes (B, T); an embedding, because that exports to one
-        plain gather."""
+        plain gather.
+        """
         return embedding(node, self.get_buffer(table)).squeeze(2)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:

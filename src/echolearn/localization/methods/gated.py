@@ -99,7 +99,8 @@ class Gated:
 
 def gated_mpdr(matched: MatchedFilter, index: Array, *, gamma: float = 0.1) -> Array:
     """Return the steered minimum variance power around lag indices (B,), shape (B, A); silent
-    microphones left out."""
+    microphones left out.
+    """
     aligned = aligned_outputs(matched, index)
     covariances = beamforming.regularize(aligned @ np.swapaxes(aligned, -1, -2), gamma)
     heard = (~matched.silent).astype(aligned.dtype)[:, None]

@@ -76,7 +76,8 @@ class Joint:
 
     def _weighted(self, observation: Observation) -> Echoes:
         """Estimate with all microphones weighed together, those that do not hear left out of each
-        recording."""
+        recording.
+        """
         observation = with_density(observation)
         white = matched_view(
             observation, self.window, azimuths=self.azimuths, whiten=True, whole=False

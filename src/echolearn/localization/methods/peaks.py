@@ -81,7 +81,8 @@ def response(matched: MatchedFilter, loading: float) -> Array:
 
 def highest(curve: Array, count: int, *, apart: int = APART) -> Array:
     """Return the lags (B, count) of the highest values of `curve` (B, L), each `apart` from those
-    before it."""
+    before it.
+    """
     left, lags, found = curve.copy(), np.arange(curve.shape[-1]), []
     for _ in range(count):
         found.append(left.argmax(axis=-1))

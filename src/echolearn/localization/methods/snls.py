@@ -114,7 +114,8 @@ def paired(
     matched: MatchedFilter, times: Echoes, *, azimuths: int, gamma: float, elevations: int = 1
 ) -> Echoes:
     """Return echoes (B, R) with the directions of the highest peaks of the MPDR power, each
-    direction once."""
+    direction once.
+    """
     power = heard_spectrum(matched, azimuths=azimuths, elevations=elevations, gamma=gamma)
     azimuth, elevation = beamforming.direction_grid(azimuths, elevations)
     best = power.argmax(axis=-1)[:, None]
@@ -154,7 +155,8 @@ def heard_spectrum(
     matched: MatchedFilter, *, azimuths: int = 180, elevations: int = 1, gamma: float = 0.1
 ) -> Array:
     """Return the MPDR power of the microphones that hear, shape (B, A); those that do not are left
-    out."""
+    out.
+    """
     observation, silent = matched.observation, matched.silent
     if not silent.any():
         return mpdr_spectrum(observation, azimuths=azimuths, elevations=elevations, gamma=gamma)
@@ -171,7 +173,8 @@ def mpdr_spectrum(
     observation: Observation, *, azimuths: int = 180, elevations: int = 1, gamma: float = 0.1
 ) -> Array:
     """Return the whole-recording SRP-MPDR power over directions (Eq. 16), shape (B, A), from
-    samples (B, M, N)."""
+    samples (B, M, N).
+    """
     return spectrum_of(
         recording_covariance(observation),
         observation,
@@ -183,7 +186,8 @@ def mpdr_spectrum(
 
 def recording_covariance(observation: Observation) -> Array:
     """Return the covariance of the whole recording per STFT bin (Eq. 17), shape (B, F, M, M),
-    complex64."""
+    complex64.
+    """
     return beamforming.covariance(signals.stft(observation.samples.astype(np.float32)))
 
 

@@ -79,7 +79,8 @@ def cells(chart: Chart) -> tuple[Array, tuple[float, float]]:
 
 def occupancy(chart: Chart) -> tuple[Array, Array, tuple[float, float]]:
     """Return log-odds and whether a cell was touched, both (height, width), row 0 the smallest y,
-    and the origin."""
+    and the origin.
+    """
     step, shown = chart.resolution, chart.drawn
     points, poses = chart.map.points[shown], chart.map.poses[shown]
     seen = np.concatenate([points, chart.path[:, :2]])
@@ -105,7 +106,8 @@ def occupancy(chart: Chart) -> tuple[Array, Array, tuple[float, float]]:
 
 def _ray(start: Array, end: Array) -> Array:
     """Return the cells from `start` to `end`, in cells, each once, shape (K, 2); the last one holds
-    `end`."""
+    `end`.
+    """
     count = 2 * math.ceil(float(np.abs(end - start).max())) + 1
     cells = np.floor(start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)).astype(int)
     kept = np.append((np.diff(cells, axis=0) != 0).any(axis=1), True)

@@ -143,7 +143,8 @@ def _pose(position: Array, heading: float, types: Types) -> Any:
 
 def _latched() -> Any:
     """Return the quality of service of a topic that keeps its last message; times of 0 are not
-    limited."""
+    limited.
+    """
     from rosbags.interfaces import (
         Qos,
         QosDurability,

@@ -1,5 +1,6 @@
 """`map.ply`: the kept points as a cloud at the loudspeaker's height, with their confidences (PLY
-1.0, binary)."""
+1.0, binary).
+"""
 
 import numpy as np
 

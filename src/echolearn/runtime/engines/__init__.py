@@ -1,2 +1,3 @@
 """Engines, where many independent jobs are done: one module each, one interface
-(`runtime.engine.Engine`)."""
+(`runtime.engine.Engine`).
+"""

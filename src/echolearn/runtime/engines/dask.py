@@ -152,7 +152,8 @@ def quiet() -> Iterator[None]:
 @contextmanager
 def started(workers: int) -> Iterator["Client"]:
     """Start a cluster on this machine for the time of a `with` block: it ends with this process,
-    however that ends."""
+    however that ends.
+    """
     from distributed import Client, LocalCluster
 
     with (

@@ -1,2 +1,3 @@
 """Noises at the microphones: several implementations of `echolearn.acoustics.types.Noise`, one
-module each."""
+module each.
+"""

@@ -86,7 +86,8 @@ def mixing(
     places: Sequence[Sequence[float]], *, bins: int, sample_rate: float, speed_of_sound: float
 ) -> Array:
     """Return the principal square roots of the coherence matrices, from 0 to the Nyquist frequency,
-    shape (F, M, M)."""
+    shape (F, M, M).
+    """
     frequencies = np.linspace(0.0, sample_rate / 2, bins)
     values, vectors = np.linalg.eigh(
         coherence(np.array(places), frequencies, speed_of_sound=speed_of_sound)

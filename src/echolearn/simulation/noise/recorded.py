@@ -1,5 +1,6 @@
 """Noise from a recording: a random stretch of the user's own file, WAV or FLAC, brought to the rate
-that is wanted."""
+that is wanted.
+"""
 
 from dataclasses import dataclass
 from fractions import Fraction

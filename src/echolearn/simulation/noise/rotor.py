@@ -125,7 +125,8 @@ class Rotor:
 
     def powers(self, sample_rate: float) -> Array:
         """Return the power of each harmonic that is heard at `sample_rate`, shape (harmonics or
-        less,), of sum 1."""
+        less,), of sum 1.
+        """
         orders = np.arange(1, self.harmonics + 1)
         heard = orders[orders * self.rate * (1 + 5 * self.jitter) < sample_rate / 2]
         power = (
@@ -135,7 +136,8 @@ class Rotor:
 
     def _rotor(self, length: int, sample_rate: float, rng: np.random.Generator) -> Array:
         """Return the lines of one rotor: its waveform of one revolution, read at the angle it has
-        turned to."""
+        turned to.
+        """
         power = self.powers(sample_rate)
         spectrum = np.zeros(TABLE // 2 + 1, dtype=complex)
         spectrum[1 : len(power) + 1] = (
@@ -164,7 +166,8 @@ class Rotor:
 
 def _wandering(steps: int, time: float, rng: np.random.Generator) -> Array:
     """Return an Ornstein-Uhlenbeck process of deviation 1 and time constant `time` in s, a value
-    every `STEP`."""
+    every `STEP`.
+    """
     keep = np.exp(-STEP / time)
     kicks = rng.standard_normal(steps) * np.sqrt(1.0 - keep**2)
     kicks[0] /= np.sqrt(1.0 - keep**2)
@@ -175,7 +178,8 @@ def _falling(
     length: int, sample_rate: float, corner: float, order: float, rng: np.random.Generator
 ) -> Array:
     """Return Gaussian noise of power 1 and density 1 / (1 + (f / corner)^order) above `LOWEST`,
-    shape (length,)."""
+    shape (length,).
+    """
     size = fft.next_fast_len(max(length, int(2 * sample_rate / LOWEST)), real=True)
     frequencies = fft.rfftfreq(size, 1.0 / sample_rate)
     density = np.where(frequencies < LOWEST, 0.0, 1.0 / (1.0 + (frequencies / corner) ** order))

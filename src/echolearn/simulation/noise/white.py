@@ -1,5 +1,6 @@
 """Spatially and spectrally white noise: independent Gaussian samples at every microphone (the
-paper's f2)."""
+paper's f2).
+"""
 
 from dataclasses import dataclass
 

@@ -56,7 +56,8 @@ def spreading_kernel(t: Array) -> Array:
 @lru_cache
 def kernel_table() -> Array:
     """Return psi for each step of the fractional delay, shape (STEPS, 2 TAPS): values, then rise to
-    the next row."""
+    the next row.
+    """
     fraction = np.arange(STEPS + 1)[:, None] / STEPS
     values = spreading_kernel(np.arange(TAPS) - (TAPS // 2 - 1) - fraction)
     return np.hstack([values[:-1], np.diff(values, axis=0)]).astype(np.float32)

@@ -113,7 +113,8 @@ spread: Any = compiler(_spread)
 
 def _filter_down(grid: Any, q: Any, taps: Any, response: Any, length: Any, even: Any) -> None:
     """Write response(n) = sum over j of q(j) grid(2 n + j), in blocks that stay in the cache; see
-    `respond`."""
+    `respond`.
+    """
     half = length + (taps + TAPS) // 2
     odd = after(even, half)
     for n in range(half):
@@ -178,7 +179,8 @@ def respond(
 
 def translated() -> tuple[str, str]:
     """Return the symbol of `respond`, and all in the language of LLVM, optimised for this
-    processor."""
+    processor.
+    """
     kinds = (
         FLOATS,
         WHOLE,

@@ -79,7 +79,8 @@ def identity() -> str:
 
 def places() -> list[Path]:
     """Return the folders where the code may be kept, the best one first; a user without a home has
-    but one."""
+    but one.
+    """
     found = [Path(__file__).parent / "__pycache__"]
     with suppress(RuntimeError):  # as `expanduser` says that there is no home
         found.append(
@@ -90,7 +91,8 @@ def places() -> list[Path]:
 
 def kept(path: Path) -> bytes | None:
     """Return the code in a file that begins with its checksum; None if there is none, or it is
-    damaged."""
+    damaged.
+    """
     with suppress(OSError):
         content = path.read_bytes()
         if sha256(content[CHECKSUM:]).digest() == content[:CHECKSUM]:

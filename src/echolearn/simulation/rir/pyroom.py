@@ -130,7 +130,8 @@ class Pyroom:
 
 def aligned(responses: list[Array], length: int) -> Array:
     """Cut the filter's delay, fill up with zeros to `length` and scale to 1 / (4 pi d); shape (M,
-    length)."""
+    length).
+    """
     result = np.zeros((len(responses), length))
     for row, response in zip(result, responses, strict=True):
         part = response[CONSTANTS["frac_delay_length"] // 2 :][:length]
