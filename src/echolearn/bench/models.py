@@ -53,8 +53,8 @@ def inference(setting: Setting) -> Iterator[Measurement]:
     """Time each run's model per observation, one row at a time and many."""
     sets: dict[str, Dataset] = {}
     for folder in sorted((setting.runs / "data").glob(f"*/{manifests.MANIFEST}")):
-        digest = digest(manifests.load_manifest(folder.parent)["files"])
-        sets[digest] = Dataset(folder.parent)
+        key = digest(manifests.load_manifest(folder.parent)["files"])
+        sets[key] = Dataset(folder.parent)
     for run in track(finished(setting), "bench models", unit="runs"):
         if run.data_digest not in sets:
             print(
