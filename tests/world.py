@@ -31,12 +31,12 @@ from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
 from echolearn.simulation.survey import survey
 from echolearn.storage import manifests
-from echolearn.storage.identity import plain
+from echolearn.storage.identity import by_short_names, plain
 from echolearn.storage.once import locked
 from echolearn.training.export import export
 from echolearn.training.runs import Run, load_runs
 from echolearn.training.split import Task
-from echolearn.training.train import train as training
+from echolearn.training.train import train as train_run
 
 HALL = Room((6.0, 5.0, 4.0), 0.25)
 """The room of the walks."""
@@ -120,7 +120,13 @@ def train(dataset: Dataset, name: str, *, seed: int, runs: Path, **changes: Any)
     """Train one of the classifiers."""
     keys = CLASSIFIERS[name] | changes
     task = Task(dataset, seed=seed)
-    training.train(task, name=name, classifier=lambda: config.build(keys), config=keys, runs=runs)
+    train_run(
+        task,
+        name=name,
+        classifier=lambda: config.build(keys),
+        config=by_short_names(keys),
+        runs=runs,
+    )
 
 
 def make(runs: Path) -> World:

@@ -128,7 +128,7 @@ def test_an_error_in_the_middle_leaves_the_old_file_and_no_temporary(tmp_path: P
 KILLED = """
 import sys, time
 from pathlib import Path
-from echolearn import disk, store
+from echolearn.storage import files as disk, manifests as store
 
 def slowly(file):
     file.write(b"new" * 10_000)
@@ -161,7 +161,7 @@ def test_sigkill_in_the_middle_leaves_the_old_file_or_none(
 COUNTER = """
 import sys
 from pathlib import Path
-from echolearn import disk
+from echolearn.storage import files as disk
 
 path = Path(sys.argv[1])
 for _ in range(200):
@@ -182,7 +182,7 @@ def test_one_at_a_time_changes_a_file(tmp_path: Path) -> None:
 HOLDER = """
 import os, sys, time
 from pathlib import Path
-from echolearn import disk
+from echolearn.storage import files as disk
 
 with locked(Path(sys.argv[1])):
     if os.fork() == 0:
@@ -232,7 +232,7 @@ SHARDS = """
 import sys
 from pathlib import Path
 import numpy as np
-from echolearn import disk, store
+from echolearn.storage import files as disk, manifests as store
 
 print("start", flush=True)
 for index in range(400):
@@ -263,7 +263,7 @@ FULL = """
 import resource, sys
 from pathlib import Path
 import numpy as np
-from echolearn import disk, store
+from echolearn.storage import files as disk, manifests as store
 from echolearn.acoustics.types import BadValue
 
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
