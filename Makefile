@@ -15,10 +15,10 @@ CROSSED := [s*,t*]
 MAPPED := 8x6x5,13x11x5
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper tiny readme studies bench test lint clean
+.PHONY: help venv paper tiny readme studies bench test test-release lint clean
 
 help: ## show this page
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-7s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 venv: $(READY) ## create .venv with the locked dependencies
 $(READY): requirements.lock pyproject.toml
@@ -68,8 +68,11 @@ bench: $(READY) ## time everything beside its peers, and write the tables of REA
 	@test ! -e $(RUNS)/compare/paper/manifest.json || $(RUN) export best=$(RUNS)/compare/paper runs=$(RUNS)
 	$(RUN) bench runs=$(RUNS) readme=README.md scaling=docs/scaling.md
 
-test: $(READY) ## run the tests
+test: $(READY) ## run the tests but those for a release
 	@OMP_NUM_THREADS=1 $(BIN)/pytest -q
+
+test-release: $(READY) ## run the tests that need fresh environments, a browser or minutes
+	@OMP_NUM_THREADS=1 $(BIN)/pytest -m release --durations=10
 
 lint: $(READY) ## ruff and mypy
 	$(BIN)/ruff check src tests
