@@ -35,6 +35,10 @@ def test_confusion_by_hand():
     assert [float(n) for n in metrics.confusion(REFERENCE, KEPT)] == [3, 2, 1, 2]
 
 
+def test_a_row_at_the_threshold_is_kept():
+    assert metrics.kept(np.array([0.49, 0.5, 0.51]), 0.5).tolist() == [False, True, True]
+
+
 @pytest.mark.parametrize(("metric", "expected"), list(JUDGED.items()))
 def test_rates_by_hand(metric, expected):
     assert metric(REFERENCE, KEPT) == pytest.approx(expected)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from echolearn.acoustics.geometry import circular_array, distance_to_outline, outline, true_echoes
-from echolearn.acoustics.types import Echoes, EchoMap, Pose, Room
+from echolearn.acoustics.types import Echoes, Pose, Room
 from echolearn.checks import BadValue
 from echolearn.evaluation.coverage import attainable
-from echolearn.mapping.echo_map import echo_map, keep
+from echolearn.mapping.echo_map import echo_map
 from echolearn.simulation.walk import trajectory
 
 SIZES = [(8.0, 6.0, 5.0), (13.0, 11.0, 5.0), (10.0, 8.0, 5.0), (5.0, 5.0, 3.0), (14.0, 5.0, 4.0)]
@@ -162,7 +162,6 @@ def test_several_echoes_of_a_pose_stay_with_it():
 def test_no_pose_gives_an_empty_map():
     found = echo_map(Echoes(*np.empty((6, 0))), [], array=ARRAY)
     assert found.points.shape == found.poses.shape == (0, 2)
-    assert keep(found, 0.5).kept.shape == (0,)
 
 
 def test_columns_that_do_not_belong_together_are_refused():
@@ -173,18 +172,3 @@ def test_columns_that_do_not_belong_together_are_refused():
         echo_map(echoes, poses, array=ARRAY, confidence=np.array([0.5, 2.0]))
     with pytest.raises(BadValue, match="2 echoes"):
         echo_map(echoes, poses, array=ARRAY, confidence=np.array([0.5]))
-
-
-def test_a_point_at_the_threshold_is_kept():
-    case = EchoMap(np.zeros((3, 2)), np.array([0.49, 0.5, 0.51]), np.full(3, True))
-    assert keep(case, 0.5).kept.tolist() == [False, True, True]
-    assert keep(case, 0.0).kept.all()
-    assert keep(keep(case, 0.51), 0.5).kept.tolist() == [False, True, True]
-    assert case.kept.all()
-
-
-def test_a_threshold_is_a_confidence():
-    case = EchoMap(np.zeros((1, 2)), np.array([0.5]), np.array([True]))
-    for threshold in (-0.1, 3.0, float("nan"), "high"):
-        with pytest.raises(BadValue, match="threshold"):
-            keep(case, threshold)

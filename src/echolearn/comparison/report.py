@@ -34,6 +34,7 @@ from echolearn.comparison.tables import (
     rooms,
     snr_of,
 )
+from echolearn.evaluation import metrics
 from echolearn.evaluation.scoring import Heard, Row
 from echolearn.storage.files import write_atomic
 from echolearn.storage.marked_page import Markers, write_between
@@ -201,7 +202,11 @@ def panels(
                 (f"{title}: every estimate", heard, np.ones(len(heard.points), dtype=bool))
             )
             found.append(
-                (f"{title}: filtered by {best}", heard, answer.confidence >= answer.threshold)
+                (
+                    f"{title}: filtered by {best}",
+                    heard,
+                    metrics.kept(answer.confidence, answer.threshold),
+                )
             )
     return found
 

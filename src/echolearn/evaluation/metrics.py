@@ -4,7 +4,7 @@ Conventions, valid for every function here:
 
 - `reference`, shape (B,), bool: True is a reflector, or a map point on a wall. It comes before what
   is estimated.
-- `kept`, shape (B,), bool: what survived the filter, that is confidence >= threshold.
+- `kept`, shape (B,), bool: what the filter `kept`, that is confidence >= threshold.
 - `confidence`, shape (B,): belief that a row is a reflector; any finite score where only its order
   counts.
 - `weights`, shape (..., B), not negative: how often each row counts; once unless given. The result
@@ -57,6 +57,11 @@ def validate(reference: Array, estimated: Array, weights: Array | None = None) -
             np.shape(weights),
             allowed="shape (..., B)",
         )
+
+
+def kept(confidence: Array, threshold: float) -> Array:
+    """Return which rows the filter keeps, bool: those with confidence >= threshold."""
+    return np.asarray(confidence) >= threshold
 
 
 def confusion(
@@ -276,7 +281,7 @@ def evaluate_labels(
     _check_confidence(confidence)
     error = expected_calibration_error(reference, confidence, weights=weights)
     ranked = orders(reference, confidence, weights=weights) | {"expected_calibration_error": error}
-    return ranked | rates(reference, confidence >= threshold, weights=weights)
+    return ranked | rates(reference, kept(confidence, threshold), weights=weights)
 
 
 def evaluate_map(

@@ -174,7 +174,7 @@ def _judge_band(
         return {
             "auc": metrics.auc(reference, answer.confidence, weights=weights),
             "balanced_accuracy": metrics.balanced_accuracy(
-                reference, answer.confidence >= answer.threshold, weights=weights
+                reference, metrics.kept(answer.confidence, answer.threshold), weights=weights
             ),
         }
 
@@ -221,7 +221,7 @@ def judge_map(
         return metrics.evaluate_map(
             heard.corners,
             heard.points,
-            kept=answer.confidence >= answer.threshold,
+            kept=metrics.kept(answer.confidence, answer.threshold),
             confidence=answer.confidence,
             poses=heard.poses,
             weights=weights,
@@ -312,7 +312,9 @@ def compare_pair(
 
 
 def _answer(answer: Answer, metric: str) -> Array:
-    return answer.confidence if metric == "auc" else answer.confidence >= answer.threshold
+    return (
+        answer.confidence if metric == "auc" else metrics.kept(answer.confidence, answer.threshold)
+    )
 
 
 def correct(tests: Iterable[Row]) -> list[Row]:

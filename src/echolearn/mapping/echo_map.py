@@ -1,18 +1,17 @@
 """The map that echoes leave: points, and the belief in each.
 
 A map point is the pose plus the wall distance along the echo's direction (`geometry.wall_points`).
-Filtering keeps the points with confidence >= threshold.
+Filtering (`evaluation.metrics.kept`) keeps those that are believed enough.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from echolearn.acoustics.geometry import wall_points
 from echolearn.acoustics.types import SPEED_OF_SOUND, Array, Echoes, EchoMap, MicArray, Pose
-from echolearn.checks import check, check_number
+from echolearn.checks import check
 
 
 def echo_map(
@@ -75,19 +74,3 @@ def echo_map(
     )
     seen_from = np.broadcast_to(where, points.shape).reshape(-1, 2).copy()
     return EchoMap(points.reshape(-1, 2), believed, np.ones(toa.size, dtype=bool), seen_from)
-
-
-def keep(echo_map: EchoMap, threshold: float) -> EchoMap:
-    """Filter a map: keep exactly the points with confidence >= threshold, whatever was kept before.
-
-    Args:
-        echo_map: P points.
-        threshold: 0 (keeps everything) to 1.
-
-    Raises:
-        BadValue: a threshold outside 0 to 1.
-    """
-    check_number(
-        "threshold", threshold, low=0.0, high=1.0, hint="was a logit given for a confidence?"
-    )
-    return replace(echo_map, kept=np.asarray(echo_map.confidence) >= threshold)

@@ -38,6 +38,7 @@ import onnxruntime
 from echolearn.acoustics.geometry import wrap
 from echolearn.acoustics.types import Array, Echoes, EchoMap, Observation, Pose
 from echolearn.checks import BadValue, check
+from echolearn.evaluation.metrics import kept
 from echolearn.localization.localize import localize
 from echolearn.mapping.echo_map import echo_map
 from echolearn.robot import bundle
@@ -152,7 +153,7 @@ class Scorer:
         turned = [replace(pose, heading=pose.heading + mount) for pose in poses]
         found = echo_map(echoes, turned, array=array, confidence=confidence, speed_of_sound=c)
         echoes = replace(echoes, azimuth=wrap(echoes.azimuth + mount)) if mount else echoes
-        return Heard(echoes, replace(found, kept=found.confidence >= self.bundle.threshold))
+        return Heard(echoes, replace(found, kept=kept(found.confidence, self.bundle.threshold)))
 
     def update(self, observation: Observation, pose: Pose) -> EchoMap:
         """Return the points that one recording adds to the map: those of echoes that are believed.
@@ -166,8 +167,8 @@ class Scorer:
         """
         alone = replace(observation, samples=observation.samples[None])
         found = self.listen(alone, [pose]).map
-        kept = np.asarray(found.kept)
-        return EchoMap(found.points[kept], found.confidence[kept], kept[kept], found.poses[kept])
+        new = np.asarray(found.kept)
+        return EchoMap(found.points[new], found.confidence[new], new[new], found.poses[new])
 
     def check(self, observation: Observation) -> float:
         """Return the angle in rad by which the bundle's array is turned on this robot.
