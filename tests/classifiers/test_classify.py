@@ -116,7 +116,7 @@ class TestContract:
 
     def test_configuration_is_a_call_that_can_be_made_as_it_stands(self, name: str) -> None:
         text = (config.folder() / "classifier" / f"{name}.yaml").read_text()
-        assert text.startswith("_target_: echolearn.classifiers.classifier.")
+        assert text.startswith("_target_: echolearn.classifiers.methods.")
         assert config.build(plain(name)).view == ("covariance" if "covnet" in name else "features")
 
     def test_separates_unseen_rows(self, fitted: Any) -> None:

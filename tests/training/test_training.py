@@ -28,8 +28,8 @@ from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics
 from echolearn.storage import files, manifests
 from echolearn.storage.identity import digest
+from echolearn.training import train as training
 from echolearn.training.split import Task
-from echolearn.training.train import train
 
 THRESHOLD = {"_target_": "echolearn.classifiers.methods.threshold.Threshold", "inputs": ["score"]}
 SVM = {
@@ -95,7 +95,7 @@ def toy(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 
 def train(task: Task, keys: dict[str, Any], runs: Path, **more: Any) -> dict[str, Any]:
-    return train(
+    return training.train(
         task,
         **{
             "name": "some",
@@ -181,7 +181,7 @@ class TestRun:
     def test_file_scores_the_test_rows_as_reported(self, done: Done) -> None:
         task, _, runs, result = done
         test = task.parts().test
-        confidence = load_scorer(runs / "train" / result["run"])(
+        confidence = training.load_scorer(runs / "train" / result["run"])(
             task.inputs(result["inputs"])[test]
         )
         values = metrics.evaluate_labels(
@@ -199,12 +199,12 @@ class TestRun:
 
     def test_finished_runs_are_skipped(self, done: Done) -> None:
         task, keys, runs, result = done
-        assert train(task, name="some", classifier=never, config=keys, runs=runs) == result
+        assert training.train(task, name="some", classifier=never, config=keys, runs=runs) == result
 
     def test_any_change_is_another_run(self, done: Done, toy: Dataset) -> None:
         task, keys, runs, _ = done
         with pytest.raises(AssertionError, match="redone"):
-            train(
+            training.train(
                 task, name="some", classifier=never, config=keys | {"inputs": ["power"]}, runs=runs
             )
         for other in (
@@ -213,7 +213,7 @@ class TestRun:
             Task(toy, seed=2, split="row"),
         ):
             with pytest.raises(AssertionError, match="redone"):
-                train(other, name="some", classifier=never, config=keys, runs=runs)
+                training.train(other, name="some", classifier=never, config=keys, runs=runs)
 
     def test_the_dashboard_compares_all(self, done: Done) -> None:
         _, _, runs, result = done
@@ -264,7 +264,7 @@ class TestTrust:
             with pytest.raises(BadValue, match=rf"{name}: .*; {advice}$"):
                 manifests.verify(run)
             with pytest.raises(BadValue, match=f"{name}: "):
-                load_scorer(run)
+                training.load_scorer(run)
         train(Task(toy, seed=2), THRESHOLD, tmp_path, command=COMMAND)
         assert {key: (run / key).read_bytes() for key in expected if key != "timing.json"} == {
             key: content for key, content in expected.items() if key != "timing.json"
@@ -312,7 +312,7 @@ class TestTrust:
 
     def test_an_unfinished_run_cannot_be_loaded(self, tmp_path: Path) -> None:
         with pytest.raises(BadValue, match="metrics.json"):
-            load_scorer(tmp_path)
+            training.load_scorer(tmp_path)
 
     def test_killed_and_run_again_gives_equal_metrics(self, toy: Dataset, tmp_path: Path) -> None:
         expected = train(Task(toy), NETWORK, tmp_path / "calm")["run"]
@@ -343,7 +343,7 @@ class TestTrust:
         assert train(Task(toy), NETWORK, tmp_path / "both") == expected
         assert os.waitpid(child, 0)[1] == 0
         assert manifests.verify(folder) == expected
-        assert [path.name for path in folder.parent.iterdir()] == [folder.name]
+        assert [path.name for path in folder.parent.glob("[!.]*")] == [folder.name]
         assert len(list(folder.glob("events.*"))) == len(
             list((tmp_path / "calm").rglob("events.*"))
         )
@@ -460,9 +460,9 @@ def test_finding_finished_runs_loads_no_learning_library(toy: Dataset, threshold
     code = f"""
 import sys
 from pathlib import Path
-from echolearn.training.train import train
-from echolearn.dataset.generate import Dataset
+from echolearn.dataset.labelled_set import Dataset
 from echolearn.training.split import Task
+from echolearn.training.train import train
 task = Task(Dataset(Path({str(toy.folder)!r})), seed=2)
 result = train(task, name="some", classifier=None, config={keys!r}, runs=Path({str(runs)!r}))
 print(result["run"], *sorted({{"torch", "sklearn", "lightning", "onnxruntime"}} & set(sys.modules)))

@@ -17,7 +17,7 @@ import numpy as np
 from echolearn.checks import BadValue, check, check_list, check_name, check_whole
 from echolearn.comparison import report
 from echolearn.comparison.localized import hear
-from echolearn.comparison.tables import SHOWN_DB, Comparison, Contestant, snr_of
+from echolearn.comparison.tables import SHOWN_DB, Comparison, Contestant, chosen_run, snr_of
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import scoring
 from echolearn.evaluation.scoring import Answer, Heard, Row, Sheet
@@ -110,7 +110,8 @@ def compare(
     }
     if not _is_finished(folder, inputs):
         contest = hold(trained, sets, walks, localizers, resamples=resamples, workers=workers)
-        _write(folder, contest, about={"kind": "comparison", "inputs": inputs} | made_by(command))
+        about = {"kind": "comparison", "inputs": inputs, "chosen": chosen_run(contest).identity}
+        _write(folder, contest, about=about | made_by(command))
     report.show(folder, readme=readme)
     return folder
 
