@@ -15,6 +15,7 @@ from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Observation, Pose, Room
 from echolearn.comparison.compare import compare
 from echolearn.comparison.tables import Comparison
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import add_noise
 from echolearn.simulation.rir.pyroom import Pyroom
@@ -72,7 +73,8 @@ def hear(scene: Scene) -> Hear:
         robot = replace(scene, probe=noise_probe(seed=probe))
         received = signals.convolve(robot.probe.samples, responses[key], robot.probe.length)
         draws = (np.random.default_rng([probe, trial]) for trial in range(trials))
-        samples = [add_noise(received, robot, snr_db=snr_db, gain_db=0.0, rng=rng) for rng in draws]
+        levels = NoiseLevels(snr_db)
+        samples = [add_noise(received, robot, levels=levels, rng=rng) for rng in draws]
         return Observation(np.stack(samples), robot.probe, robot.array)
 
     return heard

@@ -27,6 +27,7 @@ from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.snls import Snls
 from echolearn.mapping.echo_map import echo_map
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.observe import add_noise
 from echolearn.simulation.scene import Scene
 from echolearn.simulation.walk import trajectory
@@ -73,9 +74,11 @@ def _hear(plan: Plan, rows: Sequence[int], snr_db: Sequence[float] | None) -> He
     received = {s.group: (s.room, s.pose) for s in spots}
     received = {group: plan.scene.received(*place) for group, place in received.items()}
     samples = [
-        add_noise(received[s.group], plan.scene, snr_db=level, gain_db=s.gain_db, rng=rng)
+        add_noise(
+            received[s.group], plan.scene, levels=NoiseLevels(level), gain_db=s.gain_db, rng=rng
+        )
         for s, rng in zip(spots, generators, strict=True)
-        for level in ([s.snr_db] if snr_db is None else snr_db)
+        for level in ([s.levels.snr_db] if snr_db is None else snr_db)
     ]
     matched = MatchedFilter(
         Observation(np.stack(samples), plan.scene.probe, plan.scene.array), plan.window
@@ -295,7 +298,7 @@ def share_on_walls(walked: Walked, localizer: Localizer, snr_db: float) -> float
         block = range(start, min(start + 32, len(WALK)))
         generators = (np.random.default_rng([round(snr_db + 100), index]) for index in block)
         samples = [
-            add_noise(received[index], scene, snr_db=snr_db, gain_db=0.0, rng=rng)
+            add_noise(received[index], scene, levels=NoiseLevels(snr_db), rng=rng)
             for index, rng in zip(block, generators, strict=True)
         ]
         found = localizer(Observation(np.stack(samples), scene.probe, scene.array))

@@ -26,6 +26,7 @@ from echolearn.dataset.records import records
 from echolearn.evaluation import scoring
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.snls import Snls
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
@@ -137,7 +138,9 @@ def make(runs: Path) -> World:
             train(sets[plan], name, seed=seed, runs=runs)
     scene, window = plans()[0].scene, SearchWindow()
     for walk, snr_db in zip(WALKS, (0.0, -10.0), strict=True):
-        survey(name=walk, room=HALL, scene=scene, snr_db=snr_db, poses=POSES, runs=runs)
+        survey(
+            name=walk, room=HALL, scene=scene, levels=NoiseLevels(snr_db), poses=POSES, runs=runs
+        )
     localizers = {"gated": Gated(window, 36), "snls": Snls(window, 36)}
     arguments = {
         "tested": list(sets),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.survey import survey
 from echolearn.simulation.walk import trajectory
 from echolearn.survey import reader
@@ -22,7 +23,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         name="walk",
         room=HALL,
         scene=scene,
-        snr_db=0.0,
+        levels=NoiseLevels(0.0),
         poses=2,
         runs=tmp_path_factory.mktemp("onboard"),
     )

@@ -21,6 +21,7 @@ from echolearn.localization import features
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.joint import Joint
 from echolearn.localization.methods.snls import Snls
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.rotor import Rotor
 from echolearn.simulation.survey import survey
@@ -192,7 +193,12 @@ def hovering(tmp_path_factory: pytest.TempPathFactory) -> Path:
     runs = tmp_path_factory.mktemp("hovering")
     tall = replace(HALL, size=(6.0, 5.0, 6.0))
     return survey(
-        name="rotors", room=tall, scene=scene, snr_db=40.0, sdnr_db=-21.0, poses=POSES, runs=runs
+        name="rotors",
+        room=tall,
+        scene=scene,
+        levels=NoiseLevels(40.0, sdnr_db=-21.0),
+        poses=POSES,
+        runs=runs,
     )
 
 

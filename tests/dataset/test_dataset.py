@@ -30,6 +30,7 @@ from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
 from echolearn.runtime.engines.processes import Processes
 from echolearn.runtime.engines.serial import Serial
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.recorded import Recorded
 from echolearn.simulation.noise.rotor import Rotor
@@ -130,7 +131,7 @@ def test_a_row_is_what_one_observation_gives(scattered: ScatteredPlan) -> None:
     spot = scattered.spot(4, rng)
     scene = scattered.scene
     heard, truth = observe(
-        spot.room, spot.pose, scene, snr_db=spot.snr_db, gain_db=spot.gain_db, rng=rng
+        spot.room, spot.pose, scene=scene, levels=spot.levels, gain_db=spot.gain_db, rng=rng
     )
     echoes = scattered.localizer(Observation(heard.samples[None], scene.probe, scene.array))
     row = records(scattered, range(4, 5))[0]
@@ -138,7 +139,7 @@ def test_a_row_is_what_one_observation_gives(scattered: ScatteredPlan) -> None:
     assert row["azimuth"] == echoes.azimuth[0, 0]
     assert row["gain"] == pytest.approx(echoes.gain[0, 0])
     assert np.allclose(row["truth_toa"], truth.toa)
-    assert row["snr_db"] == spot.snr_db
+    assert row["snr_db"] == spot.levels.snr_db
     assert row["room"].tolist() == list(spot.room.size)
 
 
@@ -209,7 +210,7 @@ def test_labels_by_hand(
 ) -> None:
     """The robot looks along y, 1 m from the wall x=0, which is at its left; the echo comes from
     `distance`."""
-    spot = Spot(plan.room, Pose(np.array([1.0, 2.5, 2.0]), np.pi / 2), 0.0, 0.0, 0)
+    spot = Spot(plan.room, Pose(np.array([1.0, 2.5, 2.0]), np.pi / 2), NoiseLevels(0.0), 0)
     path = np.linalg.norm([2 * distance, -0.2])
     toa, azimuth, level = (
         np.array([[value]]) for value in (path / 343.0, np.pi / 2 + turned, np.pi / 2)

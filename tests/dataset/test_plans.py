@@ -56,10 +56,10 @@ def place(spot: Spot) -> tuple[Any, ...]:
         spot.room,
         tuple(spot.pose.position),
         spot.pose.heading,
-        spot.snr_db,
+        spot.levels.snr_db,
         spot.gain_db,
         spot.group,
-        spot.sdnr_db,
+        spot.levels.sdnr_db,
     )
 
 
@@ -82,13 +82,13 @@ def test_the_planar_reading_is_221_positions_at_9_snrs(plans: dict[str, Plan]) -
     drawn = spots(plan, range(len(plan)))
     assert len(drawn) == 221 * 9 == 1989
     assert {spot.pose.position[2] for spot in drawn} == {3.5}
-    assert [spot.snr_db for spot in drawn[:9]] == [-40, -30, -20, -10, 0, 10, 20, 30, 40]
+    assert [spot.levels.snr_db for spot in drawn[:9]] == [-40, -30, -20, -10, 0, 10, 20, 30, 40]
     assert [sum(spot.group == group for spot in drawn) for group in range(221)] == [9] * 221
     assert plan.room.walls[4:] == (0.0, 0.0)
 
 
 def test_the_papers_snr_is_uniform_from_minus_40_to_40(plans: dict[str, Plan]) -> None:
-    levels = np.array([spot.snr_db for spot in spots(plans["paper"], range(1989))])
+    levels = np.array([spot.levels.snr_db for spot in spots(plans["paper"], range(1989))])
     assert levels.min() >= -40
     assert levels.max() <= 40
     counts, _ = np.histogram(levels, 8, (-40, 40))
@@ -126,8 +126,8 @@ def test_rows_depend_on_their_number_alone(plans: dict[str, Plan]) -> None:
 def test_another_seed_is_another_set(plans: dict[str, Plan]) -> None:
     for name in ("paper", "scattered"):
         assert (
-            spots(plans[name], range(3))[0].snr_db
-            != spots(replace(plans[name], seed=99), range(3))[0].snr_db
+            spots(plans[name], range(3))[0].levels.snr_db
+            != spots(replace(plans[name], seed=99), range(3))[0].levels.snr_db
         )
 
 
@@ -140,7 +140,7 @@ def test_scattered_rows_stay_in_their_ranges_and_fill_them(plans: dict[str, Plan
     )
     values = {
         "t60": (np.array([s.room.t60 for s in drawn]), plan.t60),
-        "snr_db": (np.array([s.snr_db for s in drawn]), plan.snr_db),
+        "snr_db": (np.array([s.levels.snr_db for s in drawn]), plan.snr_db),
         "gain_db": (np.array([s.gain_db for s in drawn]), plan.gain_db),
         "heading": (np.array([s.pose.heading for s in drawn]), (-np.pi, np.pi)),
         "wall_factor": (np.array([s.room.walls for s in drawn]), plan.wall_factor),
@@ -167,7 +167,9 @@ def test_rotor_noise_has_a_level_of_its_own_and_changes_nothing_else_about_a_row
     plan = plans["scattered_rotor"]
     assert isinstance(plan, ScatteredPlan)
     drawn = spots(plan, range(1000))
-    sdnr, snr = (np.array([getattr(spot, key) for spot in drawn]) for key in ("sdnr_db", "snr_db"))
+    sdnr, snr = (
+        np.array([getattr(spot.levels, key) for spot in drawn]) for key in ("sdnr_db", "snr_db")
+    )
     assert (sdnr.min() < -39, sdnr.max() > 39, np.abs(sdnr).max() <= 40) == (True, True, True)
     assert abs(np.corrcoef(sdnr, snr)[0, 1]) < 5 / np.sqrt(1000)
     quiet = replace(plan, sdnr_db=None, scene=replace(plan.scene, diffuse=None))
@@ -178,11 +180,11 @@ def test_rotor_noise_has_a_level_of_its_own_and_changes_nothing_else_about_a_row
 
 def test_sensor_noise_may_be_absent_where_rotors_are_heard(plans: dict[str, Plan]) -> None:
     alone = replace(plans["scattered_rotor"], snr_db=None)
-    assert {spot.snr_db for spot in spots(alone, range(3))} == {None}
+    assert {spot.levels.snr_db for spot in spots(alone, range(3))} == {None}
     scene = plans["scattered_rotor"].scene
     grid = replace(plans["paper"], snr_db=None, sdnr_db=(-10.0, 0.0), scene=scene)
-    assert {spot.snr_db for spot in spots(grid, range(3))} == {None}
-    assert all(-10 <= (spot.sdnr_db or 0) <= 0 for spot in spots(grid, range(3)))
+    assert {spot.levels.snr_db for spot in spots(grid, range(3))} == {None}
+    assert all(-10 <= (spot.levels.sdnr_db or 0) <= 0 for spot in spots(grid, range(3)))
 
 
 def test_scattered_wall_distances_cannot_be_memorised(plans: dict[str, Plan]) -> None:
@@ -227,17 +229,17 @@ def test_scattered_wall_distances_cannot_be_memorised(plans: dict[str, Plan]) ->
         (
             "scattered",
             {"sdnr_db": (-10.0, 0.0)},
-            "plan.sdnr_db=(-10.0, 0.0) dB: the scene has no diffuse noise; choose",
+            "plan.sdnr_db=-10.0 dB: must be null in a scene without diffuse noise; choose",
         ),
         (
             "scattered",
             {"snr_db": None},
-            "plan.snr_db=None: a level in dB where there is no other noise",
+            "plan.snr_db=None: must be a level in dB where there is no other noise",
         ),
         (
             "scattered_rotor",
             {"sdnr_db": None},
-            "plan.sdnr_db=None dB: the scene has diffuse noise; give plan.sdnr_db",
+            "plan.sdnr_db=None: must be a level in dB, as the scene has diffuse noise",
         ),
         ("scattered_rotor", {"sdnr_db": (0.0, -10.0)}, "plan.sdnr_db=[0.0, -10.0]"),
         ("scattered_rotor", {"sdnr_db": -10.0}, "plan.sdnr_db=-10.0: two numbers"),

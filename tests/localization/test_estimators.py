@@ -28,6 +28,7 @@ from echolearn.localization.methods.joint import Joint
 from echolearn.localization.methods.mclam import Mclam, detected
 from echolearn.localization.methods.peaks import Peaks, response
 from echolearn.mapping.echo_map import echo_map
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import add_noise
 from echolearn.simulation.rir.images import Images
@@ -256,7 +257,7 @@ def test_joint_holds_the_map_at_minus_10_db_and_gated_at_minus_5(
         for name, localizer, snr_db in (("joint", Joint(), -10.0), ("gated", Gated(), -5.0)):
             rngs = [np.random.default_rng([number, draw]) for draw in range(2)]
             level = snr_db + 10 * np.log10(20000 / 6000)
-            heard = [add_noise(received, scene, snr_db=level, gain_db=0.0, rng=rng) for rng in rngs]
+            heard = [add_noise(received, scene, levels=NoiseLevels(level), rng=rng) for rng in rngs]
             points = echo_map(
                 localizer(Observation(np.stack(heard), scene.probe, RING)), [pose] * 2, array=RING
             ).points

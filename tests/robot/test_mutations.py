@@ -19,6 +19,7 @@ from onnx import TensorProto, helper
 from bundle_mutants import BUNDLES, constant, graph, seal
 from echolearn.checks import BadValue
 from echolearn.robot import scorer
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.survey import survey
 from survey_mutants import SURVEYS
 from world import HALL, plans
@@ -37,7 +38,9 @@ alone, takes them."""
 def tried(packed: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Return what came of every mutation."""
     place = tmp_path_factory.mktemp("mutants")
-    walk = survey(name="walk", room=HALL, scene=plans()[0].scene, snr_db=0.0, poses=3, runs=place)
+    walk = survey(
+        name="walk", room=HALL, scene=plans()[0].scene, levels=NoiseLevels(0.0), poses=3, runs=place
+    )
     script = [
         sys.executable,
         str(Path(__file__).parent / "mutate.py"),

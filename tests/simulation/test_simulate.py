@@ -12,6 +12,7 @@ from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.types import Array, MicArray, Pose, Room
 from echolearn.checks import BadValue
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.rotor import Rotor
 from echolearn.simulation.noise.white import White
@@ -64,7 +65,7 @@ def test_one_wall_makes_one_echo(brief: Scene, chamber: Room, wall: int) -> None
 
 def test_an_anechoic_room_leaves_nothing(brief: Scene, chamber: Room) -> None:
     received = brief.received(replace(chamber, walls=(0.0,) * 6), POSE)
-    rest = add_noise(received, brief, snr_db=300.0, gain_db=0.0, rng=np.random.default_rng(0))
+    rest = add_noise(received, brief, levels=NoiseLevels(100.0), rng=np.random.default_rng(0))
     assert signals.power(rest).max() < 1e-8 * signals.power(received).min()
 
 
@@ -72,7 +73,7 @@ def test_no_trace_of_the_direct_path_is_left(brief: Scene, chamber: Room) -> Non
     """The nearest wall answers after 154 samples: what comes before is the direct path, 60 dB down
     at least."""
     received = brief.received(chamber, POSE)
-    rest = add_noise(received, brief, snr_db=300.0, gain_db=0.0, rng=np.random.default_rng(0))
+    rest = add_noise(received, brief, levels=NoiseLevels(100.0), rng=np.random.default_rng(0))
     assert np.abs(rest[:, :120]).max() < 2e-3 * np.abs(received[:, :120]).max()
     assert np.abs(rest[:, 200:2000]).max() > 0.05 * np.abs(received).max()
 
@@ -84,7 +85,7 @@ def test_measured_snr_is_asked_snr_at_every_microphone(
     """The ratio counts the direct path, though it is then removed; 0.2 dB is 5 sigma of a variance
     of 8 000 samples."""
     received = brief.received(chamber, POSE)
-    samples = add_noise(received, brief, snr_db=snr_db, gain_db=0.0, rng=np.random.default_rng(1))
+    samples = add_noise(received, brief, levels=NoiseLevels(snr_db), rng=np.random.default_rng(1))
     noise = samples - (received - brief.direct)
     measured = 10 * np.log10(np.mean(received**2, axis=1) / np.mean(noise**2, axis=1))
     assert measured.shape == (6,)
@@ -95,7 +96,7 @@ def test_the_ratio_is_each_microphones_own(brief: Scene) -> None:
     """Microphones that hear the probe 1, 2 ... 6 times as loud get noise 1, 2 ... 6 times as loud."""
     received = np.arange(1, 7)[:, None] * brief.direct[:1]
     noise = (
-        add_noise(received, brief, snr_db=-10.0, gain_db=0.0, rng=np.random.default_rng(4))
+        add_noise(received, brief, levels=NoiseLevels(-10.0), rng=np.random.default_rng(4))
         + brief.direct
         - received
     )
@@ -119,8 +120,8 @@ def test_measured_sdnr_is_asked_sdnr_at_microphone_1(
     """Exactly there; elsewhere the field has its own proportions, which a level per microphone
     would destroy."""
     scene, received = replace(brief, diffuse=FIELD), brief.received(chamber, POSE)
-    draw = {"gain_db": 0.0, "sdnr_db": sdnr_db}
-    samples = add_noise(received, scene, snr_db=None, rng=np.random.default_rng(1), **draw)
+    levels = NoiseLevels(None, sdnr_db)
+    samples = add_noise(received, scene, levels=levels, rng=np.random.default_rng(1))
     noise = samples - (received - brief.direct)
     measured = 10 * np.log10(np.mean(received**2, axis=1) / np.mean(noise**2, axis=1))
     assert measured[0] == pytest.approx(sdnr_db, abs=1e-9)
@@ -132,12 +133,10 @@ def test_measured_sdnr_is_asked_sdnr_at_microphone_1(
 def test_both_noises_add_up_and_each_is_what_it_is_alone(brief: Scene, chamber: Room) -> None:
     """y = x + f1 + f2; f2 is drawn first, so sets without f1 have the bytes they always had."""
     scene, received = replace(brief, diffuse=FIELD), brief.received(chamber, POSE)
-    both = add_noise(
-        received, scene, snr_db=3.0, sdnr_db=-5.0, gain_db=0.0, rng=np.random.default_rng(6)
-    )
+    both = add_noise(received, scene, levels=NoiseLevels(3.0, -5.0), rng=np.random.default_rng(6))
     rng = np.random.default_rng(6)
-    f2 = add_noise(received, brief, snr_db=3.0, gain_db=0.0, rng=rng)
-    f1 = add_noise(received, scene, snr_db=None, sdnr_db=-5.0, gain_db=0.0, rng=rng)
+    f2 = add_noise(received, brief, levels=NoiseLevels(3.0), rng=rng)
+    f1 = add_noise(received, scene, levels=NoiseLevels(None, -5.0), rng=rng)
     assert np.allclose(both, f1 + f2 - (received - brief.direct))
 
 
@@ -147,10 +146,14 @@ def test_both_noises_add_up_and_each_is_what_it_is_alone(brief: Scene, chamber: 
         (
             None,
             {"snr_db": 0.0, "sdnr_db": -10.0},
-            "sdnr_db=-10.0 dB: the scene has no diffuse noise; choose diffuse=rotor",
+            "sdnr_db=-10.0 dB: must be null in a scene without diffuse noise; choose diffuse=rotor",
         ),
-        (FIELD, {"snr_db": 0.0}, "sdnr_db=None dB: the scene has diffuse noise; give sdnr_db"),
-        (None, {"snr_db": None}, "snr_db=None: a level in dB"),
+        (
+            FIELD,
+            {"snr_db": 0.0},
+            "sdnr_db=None: must be a level in dB, as the scene has diffuse noise",
+        ),
+        (None, {"snr_db": None}, "snr_db=None: must be a level in dB"),
     ],
 )
 def test_levels_without_noise_and_noise_without_level_are_refused(
@@ -160,9 +163,8 @@ def test_levels_without_noise_and_noise_without_level_are_refused(
         add_noise(
             brief.direct,
             replace(brief, diffuse=field),
-            gain_db=0.0,
+            levels=NoiseLevels(**levels),
             rng=np.random.default_rng(0),
-            **levels,
         )
     assert str(refused.value).startswith(message)
 
@@ -170,13 +172,15 @@ def test_levels_without_noise_and_noise_without_level_are_refused(
 def test_noise_alone_is_as_loud_and_as_coloured_as_in_an_observation(
     brief: Scene, chamber: Room
 ) -> None:
-    scene, levels = replace(brief, diffuse=FIELD), {"snr_db": 20.0, "sdnr_db": -5.0}
-    alone = noise_alone(chamber, POSE, scene, seconds=2.0, rng=np.random.default_rng(1), **levels)
+    scene, levels = replace(brief, diffuse=FIELD), NoiseLevels(20.0, -5.0)
+    alone = noise_alone(
+        chamber, POSE, scene=scene, seconds=2.0, rng=np.random.default_rng(1), levels=levels
+    )
     received = brief.received(chamber, POSE)
     assert alone.shape == (6, 44100)
     expected = signals.power(received[0]) * (10**0.5 + 10**-2.0)
     assert signals.power(alone[0]) == pytest.approx(expected, rel=0.03)
-    samples = add_noise(received, scene, gain_db=0.0, rng=np.random.default_rng(2), **levels)
+    samples = add_noise(received, scene, rng=np.random.default_rng(2), levels=levels)
     heard = samples - (received - brief.direct)
     bands = [
         [np.mean(np.abs(np.fft.rfft(x))[int(low * len(x) / 22050) : int(2 * low * len(x) / 22050)] ** 2) / len(x)
@@ -189,13 +193,20 @@ def test_noise_alone_is_as_loud_and_as_coloured_as_in_an_observation(
 @pytest.mark.parametrize("seconds", [0.0, "long", 1e6])
 def test_noise_of_no_length_is_refused(brief: Scene, chamber: Room, seconds: object) -> None:
     with pytest.raises(BadValue, match=r"^noise_seconds="):
-        noise_alone(chamber, POSE, brief, seconds=seconds, snr_db=0.0, rng=np.random.default_rng(0))  # type: ignore[arg-type]
+        noise_alone(
+            chamber,
+            POSE,
+            scene=brief,
+            seconds=seconds,
+            levels=NoiseLevels(0.0),
+            rng=np.random.default_rng(0),
+        )  # type: ignore[arg-type]
 
 
 def test_gain_scales_signal_and_noise_alike(brief: Scene, chamber: Room) -> None:
     received = brief.received(chamber, POSE)
     loud, plain = (
-        add_noise(received, brief, snr_db=0.0, gain_db=g, rng=np.random.default_rng(3))
+        add_noise(received, brief, levels=NoiseLevels(0.0), gain_db=g, rng=np.random.default_rng(3))
         for g in (6.0, 0.0)
     )
     assert np.allclose(loud, 10 ** (6 / 20) * plain)
@@ -203,7 +214,9 @@ def test_gain_scales_signal_and_noise_alike(brief: Scene, chamber: Room) -> None
 
 def test_observing_again_hears_the_same(brief: Scene, chamber: Room) -> None:
     first, again, other = (
-        observe(chamber, POSE, brief, snr_db=0.0, rng=np.random.default_rng(s))[0]
+        observe(chamber, POSE, scene=brief, levels=NoiseLevels(0.0), rng=np.random.default_rng(s))[
+            0
+        ]
         for s in (5, 5, 6)
     )
     assert first.samples.shape == (6, 8000)
@@ -215,7 +228,9 @@ def test_the_truth_is_where_the_echo_is(brief: Scene, chamber: Room) -> None:
     """Noise-free, one wall: the matched filter of every microphone peaks within half a sample of
     the image."""
     alone = replace(chamber, walls=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    observation, truth = observe(alone, POSE, brief, snr_db=80.0, rng=np.random.default_rng(0))
+    observation, truth = observe(
+        alone, POSE, scene=brief, levels=NoiseLevels(80.0), rng=np.random.default_rng(0)
+    )
     peak = (
         signals.matched_filter(observation.samples[0], brief.probe, first=60, last=300).argmax()
         + 60
@@ -243,8 +258,8 @@ def test_an_array_through_the_wall_is_refused(brief: Scene, chamber: Room) -> No
         observe(
             chamber,
             Pose(np.array([0.1, 2.0, 1.0])),
-            brief,
-            snr_db=0.0,
+            scene=brief,
+            levels=NoiseLevels(0.0),
             rng=np.random.default_rng(0),
         )
 
@@ -269,10 +284,9 @@ def test_one_quieter_draw_of_white_noise_is_the_mean_of_many_in_distribution(bri
     left = []
     for noise, seed in ((White(), 1), (Hiss(), 2)):
         scene = replace(brief, noise=noise)
-        draw = {"snr_db": 0.0, "gain_db": 0.0, "rng": np.random.default_rng(seed)}
+        draw = {"levels": NoiseLevels(0.0, pings=9), "rng": np.random.default_rng(seed)}
         left.append(
-            add_noise(brief.direct, scene, pings=9, **draw)
-            / np.sqrt(signals.power(brief.direct))[:, None]
+            add_noise(brief.direct, scene, **draw) / np.sqrt(signals.power(brief.direct))[:, None]
         )
     for noise in left:
         assert np.allclose(signals.power(noise), 1 / 9, rtol=5 * np.sqrt(2 / 8000))
@@ -286,10 +300,10 @@ def test_the_mean_of_other_noise_is_the_mean_of_its_draws(brief: Scene, chamber:
     """Each ping at the SDNR, one after the other from the same generator; the echoes stay what they
     are."""
     scene, received = replace(brief, diffuse=FIELD), brief.received(chamber, POSE)
-    draw = {"snr_db": None, "sdnr_db": -5.0, "gain_db": 0.0}
+    levels = NoiseLevels(None, -5.0)
     rng = np.random.default_rng(3)
-    single = [add_noise(received, scene, rng=rng, **draw) for _ in range(4)]
-    mean = add_noise(received, scene, rng=np.random.default_rng(3), pings=4, **draw)
+    single = [add_noise(received, scene, rng=rng, levels=levels) for _ in range(4)]
+    mean = add_noise(received, scene, rng=np.random.default_rng(3), levels=replace(levels, pings=4))
     assert np.allclose(mean, np.mean(single, axis=0), atol=1e-12)
     noise = mean - (received - brief.direct)
     assert (
@@ -297,24 +311,17 @@ def test_the_mean_of_other_noise_is_the_mean_of_its_draws(brief: Scene, chamber:
     )  # few lines: a quarter, about
 
 
-def test_one_ping_is_what_it_always_was(brief: Scene, chamber: Room) -> None:
-    scene, levels = replace(brief, diffuse=FIELD), {"snr_db": 3.0, "sdnr_db": 0.0}
-    plain = observe(chamber, POSE, scene, rng=np.random.default_rng(1), **levels)[0]
-    one = observe(chamber, POSE, scene, rng=np.random.default_rng(1), pings=1, **levels)[0]
-    assert np.array_equal(plain.samples, one.samples)
-
-
 def test_noise_alone_has_the_density_of_what_is_left_in_the_mean(
     brief: Scene, chamber: Room
 ) -> None:
-    draw = {"snr_db": 0.0, "rng": np.random.default_rng(1)}
-    alone = noise_alone(chamber, POSE, brief, seconds=2.0, pings=16, **draw)
+    draw = {"levels": NoiseLevels(0.0, pings=16), "rng": np.random.default_rng(1)}
+    alone = noise_alone(chamber, POSE, scene=brief, seconds=2.0, **draw)
     assert np.allclose(
         signals.power(alone) / signals.power(brief.received(chamber, POSE)), 1 / 16, rtol=0.05
     )
 
 
 @pytest.mark.parametrize("pings", [0, 1.5, "many", True])
-def test_no_ping_at_all_is_refused(brief: Scene, chamber: Room, pings: object) -> None:
+def test_no_ping_at_all_is_refused(pings: object) -> None:
     with pytest.raises(BadValue, match=r"^pings="):
-        observe(chamber, POSE, brief, snr_db=0.0, rng=np.random.default_rng(0), pings=pings)  # type: ignore[arg-type]
+        NoiseLevels(0.0, pings=pings)  # type: ignore[arg-type]

@@ -14,6 +14,7 @@ from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue
 from echolearn.comparison.localized import hear
 from echolearn.localization.methods.gated import Gated
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.recorded import Recorded
 from echolearn.simulation.noise.rotor import Rotor
@@ -34,17 +35,10 @@ def walk(brief: Scene) -> Walk:
     """Return a function that surveys a small room at four poses."""
 
     def walked(runs: Path, **changes: object) -> Path:
-        return survey(
-            **{
-                "name": "few",
-                "room": ROOM,
-                "scene": brief,
-                "snr_db": 5.0,
-                "poses": 4,
-                "runs": runs,
-                **changes,
-            }
-        )
+        given = {"snr_db": 5.0, "sdnr_db": None, "pings": 1} | changes
+        levels = NoiseLevels(given.pop("snr_db"), given.pop("sdnr_db"), given.pop("pings"))
+        usual = {"name": "few", "room": ROOM, "scene": brief, "poses": 4, "runs": runs}
+        return survey(levels=levels, **usual | given)
 
     return walked
 
@@ -93,7 +87,9 @@ def test_every_recording_is_that_of_its_pose(finished: Path, brief: Scene) -> No
     heard = read.observe([0, 3])
     for row, index in enumerate((0, 3)):
         rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(index,)))
-        expected, _ = observe(ROOM, read.poses[index], brief, snr_db=5.0, rng=rng)
+        expected, _ = observe(
+            ROOM, read.poses[index], scene=brief, levels=NoiseLevels(5.0), rng=rng
+        )
         assert np.array_equal(heard.samples[row], expected.samples.astype(np.float32))
 
 
@@ -234,7 +230,7 @@ def test_of_two_walks_at_once_the_second_is_refused_or_finds_the_first(
                 lambda: capfd.readouterr().err,
             )  # type: ignore[misc]
         assert contents(folder) == contents(finished)
-        assert [path.name for path in folder.parent.iterdir()] == ["few"]
+        assert [path.name for path in folder.parent.glob("[!.]*")] == ["few"]
 
 
 def test_recordings_of_another_origin_are_never_overwritten(walk: Walk, tmp_path: Path) -> None:
@@ -258,7 +254,9 @@ def test_recordings_are_the_mean_of_several_pings_and_the_conditions_say_so(
     assert "pings" not in single.conditions
     heard = read.observe([0]).samples[0]
     rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(0,)))
-    expected, _ = observe(ROOM, read.poses[0], brief, snr_db=5.0, rng=rng, pings=16)
+    expected, _ = observe(
+        ROOM, read.poses[0], scene=brief, levels=NoiseLevels(5.0, pings=16), rng=rng
+    )
     assert np.allclose(heard, expected.samples, atol=1e-6)
     noise, power = read.noise(), np.mean(brief.received(ROOM, read.poses[0]) ** 2, axis=-1)
     assert noise is not None
@@ -328,9 +326,9 @@ def test_white_noise_is_recorded_alone_where_it_is_asked_for(
     [
         (
             {"sdnr_db": -10.0},
-            "sdnr_db=-10.0 dB: the scene has no diffuse noise; choose diffuse=rotor",
+            "sdnr_db=-10.0 dB: must be null in a scene without diffuse noise; choose diffuse=rotor",
         ),
-        ({"snr_db": None}, "snr_db=None: a level in dB"),
+        ({"snr_db": None}, "snr_db=None: must be a level in dB"),
         ({"sdnr_db": "loud"}, "sdnr_db=loud dB"),
         ({"noise_seconds": -1}, "noise_seconds=-1 s"),
         ({"noise_seconds": "long"}, "noise_seconds=long s"),
@@ -388,6 +386,6 @@ def test_noise_may_be_as_long_as_its_reader_takes_it(brief: Scene) -> None:
 
 def test_a_field_without_a_level_is_refused(walk: Walk, brief: Scene, tmp_path: Path) -> None:
     with pytest.raises(
-        BadValue, match="^sdnr_db=None dB: the scene has diffuse noise; give sdnr_db$"
+        BadValue, match="^sdnr_db=None: must be a level in dB, as the scene has diffuse noise$"
     ):
         walk(tmp_path, scene=replace(brief, diffuse=Diffuse(Rotor())))

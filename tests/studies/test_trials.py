@@ -11,6 +11,7 @@ from echolearn.acoustics.types import Observation, Pose, Room
 from echolearn.checks import BadValue
 from echolearn.localization.methods.joint import Joint
 from echolearn.localization.methods.snls import Snls
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
@@ -24,7 +25,9 @@ SILENCE = Observation(np.zeros((1, 6, 8000)), SCENE.probe, RING)
 
 
 def trials(*, fault="none", snr_db=20.0, numbers=range(4), scene=SCENE):
-    return Trials(Condition(ROOM, snr_db, None, FAULTS[fault]), scene, POSE, 3, list(numbers), 0)
+    return Trials(
+        Condition(ROOM, NoiseLevels(snr_db), FAULTS[fault]), scene, POSE, 3, list(numbers), 0
+    )
 
 
 def judged(toa, azimuth, elevation=np.pi / 2):
@@ -92,7 +95,7 @@ def test_of_walls_equally_late_the_one_in_that_direction_is_matched():
 def test_in_one_stretch_all_hear_the_same_noise_wherever_they_stand():
     def noise(place, stretch):
         pose = Pose(POSE.position + np.array([0.1 * place, 0.0, 0.0]))
-        condition = Condition(ROOM, 0.0, None, FAULTS["none"], stretch=stretch)
+        condition = Condition(ROOM, NoiseLevels(0.0), FAULTS["none"], stretch=stretch)
         received = SCENE.received(ROOM, pose)
         heard = (
             Trials(condition, SCENE, pose, place, [2 * place, 2 * place + 1], 0).record().samples
@@ -142,7 +145,7 @@ def test_a_dead_microphone_is_silent_and_the_joint_search_does_without_it():
 
 
 def test_a_dead_reference_makes_s_nls_miss_and_nothing_fail():
-    condition = Condition(ROOM, 20.0, None, Fault(dead=1))
+    condition = Condition(ROOM, NoiseLevels(20.0), Fault(dead=1))
     places = (Trials(condition, SCENE, POSE, place, [0], 0) for place in range(100))
     deaf = next(trial for trial in places if trial.record().samples[0, 0].std() == 0)
     with pytest.raises(BadValue, match="microphone 1"):

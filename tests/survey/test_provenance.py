@@ -10,6 +10,7 @@ from echolearn.acoustics.geometry import circular_array, outline
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Pose, Room
 from echolearn.checks import BadValue
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.scene import Scene
 from echolearn.simulation.survey import survey
 from echolearn.simulation.walk import trajectory
@@ -39,7 +40,9 @@ def folder(tmp_path: Path) -> Path:
 
 def test_what_a_long_walk_is_made_from_is_not_too_large(brief: Scene, tmp_path: Path) -> None:
     """As of the most poses that there may be, of which but two recordings differ."""
-    few = survey(name="few", room=ROOM, scene=brief, snr_db=5.0, poses=2, runs=tmp_path)
+    few = survey(
+        name="few", room=ROOM, scene=brief, levels=NoiseLevels(5.0), poses=2, runs=tmp_path
+    )
     most = 20_000
     walk = trajectory(ROOM, poses=most, start=0.6)
     files = [f"observations/{index:04d}.wav" for index in range(most)]
@@ -58,7 +61,14 @@ def test_what_a_long_walk_is_made_from_is_not_too_large(brief: Scene, tmp_path: 
 
 def test_a_survey_that_would_not_be_read_is_not_begun(brief: Scene, tmp_path: Path) -> None:
     with pytest.raises(BadValue, match="^poses=20001: at most 20000; walk in several surveys$"):
-        survey(name="long", room=ROOM, scene=brief, snr_db=5.0, poses=20_001, runs=tmp_path)
+        survey(
+            name="long",
+            room=ROOM,
+            scene=brief,
+            levels=NoiseLevels(5.0),
+            poses=20_001,
+            runs=tmp_path,
+        )
     assert not any(tmp_path.iterdir())
 
 

@@ -194,11 +194,13 @@ def heard(plan: Plan, count: int, scene: Scene | None = None) -> Observation:
     for row in np.linspace(0, len(plan) - 1, count).astype(int).tolist():
         rng = stream(plan.seed, "observation", row)
         spot = plan.spot(row, rng)
-        about = {
-            "snr_db": spot.snr_db,
-            "sdnr_db": spot.sdnr_db,
-            "gain_db": spot.gain_db,
-            "rng": rng,
-        }
-        samples.append(observe(spot.room, spot.pose, scene, **about)[0].samples)  # type: ignore[arg-type]
+        observation, _ = observe(
+            spot.room,
+            spot.pose,
+            scene=scene,
+            levels=spot.levels,
+            rng=rng,
+            gain_db=spot.gain_db,
+        )
+        samples.append(observation.samples)
     return Observation(np.stack(samples), scene.probe, scene.array, scene.speed_of_sound)

@@ -17,6 +17,7 @@ from echolearn.bench.measurement import Measurement, Setting, times
 from echolearn.bench.responses import HALL
 from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant, Lap
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.survey import survey
 from echolearn.storage.manifests import BUNDLE
 
@@ -34,15 +35,14 @@ def robot(setting: Setting) -> Iterator[Measurement]:
         return
     yield from starting(setting, bundles[0])
     scene = setting.plan.scene
-    sdnr_db = None if scene.diffuse is None else 0.0
+    levels = NoiseLevels(0.0, sdnr_db=None if scene.diffuse is None else 0.0)
     walk = survey(
         name="walk",
         room=HALL,
         scene=scene,
         poses=POSES,
         runs=setting.place,
-        snr_db=0.0,
-        sdnr_db=sdnr_db,
+        levels=levels,
     )
     for folder in track(bundles, "bench robot", unit="bundles"):
         yield from onboard(folder, walk)

@@ -58,9 +58,7 @@ def simulating(plan: Plan, count: int) -> Iterator[Step]:
 
     def noisy() -> None:
         for _ in range(count):
-            add_noise(
-                received, scene, snr_db=spot.snr_db, sdnr_db=spot.sdnr_db, gain_db=0.0, rng=rng
-            )
+            add_noise(received, scene, levels=spot.levels, rng=rng)
 
     yield (
         "convolution",

@@ -82,11 +82,12 @@ def open_set(folder: Path) -> "Dataset":
 def survey(config: Config) -> Path:
     """Simulate a robot's walk through a room and store its recordings."""
     from echolearn.cli.config import build, without
+    from echolearn.simulation.levels import NoiseLevels
     from echolearn.simulation.survey import survey as walk
 
-    return walk(
-        **build(without(config, "choice rir noise diffuse runs")), runs=Path(config["runs"])
-    )
+    about = build(without(config, "choice rir noise diffuse runs snr_db sdnr_db pings"))
+    levels = NoiseLevels(config["snr_db"], config["sdnr_db"], config["pings"])
+    return walk(**about, levels=levels, runs=Path(config["runs"]))
 
 
 def compare(config: Config) -> None:

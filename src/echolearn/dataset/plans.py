@@ -7,6 +7,7 @@ the search window, so a classifier can memorise times of arrival instead of judg
 scattered positions leave nothing to memorise.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,9 +15,9 @@ import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow, check_inside
 from echolearn.acoustics.types import Array, Pose, Room
-from echolearn.checks import check, check_list, check_name, check_number, check_whole
+from echolearn.checks import BadValue, check, check_list, check_name, check_number, check_whole
 from echolearn.localization.localizer import Localizer
-from echolearn.simulation.levels import check_levels, check_pings
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.scene import Scene
 
 
@@ -28,11 +29,9 @@ class Spot:
 
     room: Room
     pose: Pose
-    snr_db: float | None
-    gain_db: float
+    levels: NoiseLevels
     group: int
-    sdnr_db: float | None = None
-    pings: int = 1
+    gain_db: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ class GridPlan:
     pings: int = 1
 
     def __post_init__(self) -> None:
-        _check_common(self, levels=self.snr_levels if self.snr_db is None else self.snr_db)
+        _check_common(self)
         check_number(
             "plan.step",
             self.step,
@@ -92,6 +91,7 @@ class GridPlan:
             check_range("plan.snr_db", self.snr_db, low=-100.0, high=100.0, unit="dB")
         for level in self.snr_levels or ():
             check_number("plan.snr_levels", level, low=-100.0, high=100.0, unit="dB")
+        _check_levels(self, self.snr_db or self.snr_levels)
         check_inside(self.room, self.scene.array, Pose(self.positions[0]))
 
     @cached_property
@@ -111,8 +111,8 @@ class GridPlan:
         levels = self.snr_levels
         group, level = divmod(row, len(levels)) if levels else (row, 0)
         snr_db = levels[level] if levels else _uniform(self.snr_db, rng)
-        sdnr_db = _uniform(self.sdnr_db, rng)
-        return Spot(self.room, Pose(self.positions[group]), snr_db, 0.0, group, sdnr_db, self.pings)
+        noise = NoiseLevels(snr_db, _uniform(self.sdnr_db, rng), self.pings)
+        return Spot(self.room, Pose(self.positions[group]), noise, group)
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class ScatteredPlan:
     pings: int = 1
 
     def __post_init__(self) -> None:
-        _check_common(self, levels=self.snr_db)
+        _check_common(self)
         check_whole("plan.rows", self.rows, low=1)
         check_list("plan.size_low", self.size_low, length=3, allowed="three lengths in m")
         check_list("plan.size_high", self.size_high, length=3, allowed="three lengths in m")
@@ -166,6 +166,7 @@ class ScatteredPlan:
         check_range("plan.wall_factor", self.wall_factor, low=0.0, high=1.0)
         if self.snr_db is not None:
             check_range("plan.snr_db", self.snr_db, low=-100.0, high=100.0, unit="dB")
+        _check_levels(self, self.snr_db)
         check_range("plan.gain_db", self.gain_db, low=-100.0, high=100.0, unit="dB")
         radius = self.scene.array.radius
         hint = f"the array's radius is {radius:g} m"
@@ -184,9 +185,10 @@ class ScatteredPlan:
         room = Room(tuple(size), rng.uniform(*self.t60), tuple(rng.uniform(*self.wall_factor, 6)))
         position = rng.uniform(self.margin, size - self.margin)
         heading = rng.uniform(-np.pi, np.pi)
-        snr_db, gain_db = _uniform(self.snr_db, rng), rng.uniform(*self.gain_db)
-        sdnr_db = _uniform(self.sdnr_db, rng)
-        return Spot(room, Pose(position, heading), snr_db, gain_db, row, sdnr_db, self.pings)
+        snr_db = _uniform(self.snr_db, rng)
+        gain_db = rng.uniform(*self.gain_db)
+        levels = NoiseLevels(snr_db, _uniform(self.sdnr_db, rng), self.pings)
+        return Spot(room, Pose(position, heading), levels, row, gain_db)
 
 
 Plan = GridPlan | ScatteredPlan
@@ -213,12 +215,19 @@ def _uniform(limits: tuple[float, float] | None, rng: np.random.Generator) -> fl
     return None if limits is None else rng.uniform(*limits)
 
 
-def _check_common(plan: Plan, *, levels: object) -> None:
+def _check_common(plan: Plan) -> None:
     check_name("plan.name", plan.name)
     check_whole("plan.seed", plan.seed, low=0)
     check_whole("plan.shard_rows", plan.shard_rows, low=1, high=4096, unit="rows")
-    check_levels(plan.scene, snr_db=levels, sdnr_db=plan.sdnr_db, name="plan.")
-    check_pings(plan.pings, "plan.pings")
     if plan.sdnr_db is not None:
         check_range("plan.sdnr_db", plan.sdnr_db, low=-100.0, high=100.0, unit="dB")
     plan.window.lags(plan.scene.array, plan.scene.probe.sample_rate, plan.scene.speed_of_sound)
+
+
+def _check_levels(plan: Plan, snr_db: Sequence[float] | None) -> None:
+    """Raise `BadValue` unless the plan's noises fit its scene: one of its rows speaks for all."""
+    snr_db, sdnr_db = ((levels or (None,))[0] for levels in (snr_db, plan.sdnr_db))
+    try:
+        NoiseLevels(snr_db, sdnr_db, plan.pings).check_scene(plan.scene)
+    except BadValue as error:
+        raise BadValue(f"plan.{error}") from None

@@ -103,30 +103,38 @@ def _observe(plan: Plan, rows: range) -> Iterator[Heard]:
 
 
 def _record(received: Array, scene: Scene, spot: Spot, rng: np.random.Generator) -> Array:
-    levels = {"snr_db": spot.snr_db, "sdnr_db": spot.sdnr_db}
-    return add_noise(received, scene, gain_db=spot.gain_db, rng=rng, pings=spot.pings, **levels)
+    return add_noise(received, scene, levels=spot.levels, rng=rng, gain_db=spot.gain_db)
 
 
 def _noise(plan: Plan, spot: Spot, row: int) -> Array:
     """Return a recording of the noise alone, at the levels and the gain of one row."""
     rng = stream(plan.seed, "noise alone", row)
-    levels = {"snr_db": spot.snr_db, "sdnr_db": spot.sdnr_db}
-    room, pose, pings = spot.room, spot.pose, spot.pings
     alone = noise_alone(
-        room, pose, plan.scene, seconds=NOISE_SECONDS, rng=rng, pings=pings, **levels
+        spot.room,
+        spot.pose,
+        scene=plan.scene,
+        seconds=NOISE_SECONDS,
+        levels=spot.levels,
+        rng=rng,
     )
     return 10.0 ** (spot.gain_db / 20.0) * alone
 
 
 def _context(spots: tuple[Spot, ...]) -> dict[str, Array]:
     return {
-        "snr_db": np.array([np.inf if spot.snr_db is None else spot.snr_db for spot in spots]),
+        "snr_db": np.array(
+            [np.inf if spot.levels.snr_db is None else spot.levels.snr_db for spot in spots]
+        ),
         **(
             {}
-            if spots[0].sdnr_db is None
-            else {"sdnr_db": np.array([spot.sdnr_db for spot in spots])}
+            if spots[0].levels.sdnr_db is None
+            else {"sdnr_db": np.array([spot.levels.sdnr_db for spot in spots])}
         ),
-        **({} if spots[0].pings == 1 else {"pings": np.array([spot.pings for spot in spots])}),
+        **(
+            {}
+            if spots[0].levels.pings == 1
+            else {"pings": np.array([spot.levels.pings for spot in spots])}
+        ),
         "gain_db": np.array([spot.gain_db for spot in spots]),
         "t60": np.array([spot.room.t60 for spot in spots]),
         "room": np.array([spot.room.size for spot in spots]),

@@ -3,7 +3,6 @@
 """
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.checks import BadValue, check, check_name, check_number, check_whole
 from echolearn.runtime.progress import track
-from echolearn.simulation.levels import check_levels, check_pings
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import noise_alone, observe
 from echolearn.simulation.scene import Scene, noise_kind
@@ -41,13 +40,11 @@ def survey(
     name: str,
     room: Room,
     scene: Scene,
-    snr_db: float | None,
-    sdnr_db: float | None = None,
+    levels: NoiseLevels,
     poses: int = 160,
     start: float = 0.6,
     seed: int = 0,
     noise_seconds: float | None = None,
-    pings: int = 1,
     runs: Path,
     command: str | None = None,
 ) -> Path:
@@ -58,15 +55,13 @@ def survey(
         name: names the folder under `runs/survey`.
         room: the room.
         scene: what the robot carries.
-        snr_db: of the sensor noise in every recording, or None for no such noise.
-        sdnr_db: of the diffuse noise in every recording, if the scene has it.
+        levels: levels of the noises in every recording, and how many are averaged at each pose;
+            `noise.wav` has the level of the noise in the mean.
         poses: P.
         start: polar angle at which the walk begins, in rad.
         seed: of the noise; pose p draws from `SeedSequence(seed, spawn_key=(p,))`.
         noise_seconds: of `noise.wav`, the noise alone at the first pose; 0 for none; None for 5 s
             of noise that is not white.
-        pings: K, how many recordings are averaged at each pose; the levels are those of one.
-            `noise.wav` has the level of the noise in the mean.
         runs: folder of everything generated.
         command: what makes the survey again, for the manifest; None says nothing about it.
 
@@ -77,13 +72,9 @@ def survey(
         BadValue: values out of range, or a survey of that name made otherwise.
     """
     check_name("name", name)
-    for key, level in (("snr_db", snr_db), ("sdnr_db", sdnr_db)):
-        if level is not None:
-            check_number(key, level, low=-100.0, high=100.0, unit="dB")
-    check_levels(scene, snr_db=snr_db, sdnr_db=sdnr_db)
+    levels.check_scene(scene)
     seconds = noise_length(scene, noise_seconds)
     check_whole("seed", seed, low=0)
-    check_pings(pings)
     walk = trajectory(room, poses=poses, start=start)
     check(
         len(walk) <= MOST, "poses", poses, allowed=f"at most {MOST}", hint="walk in several surveys"
@@ -91,15 +82,14 @@ def survey(
     for pose in walk:
         check_inside(room, scene.array, pose)
     folder = Path(runs) / "survey" / name
-    levels = {"snr_db": snr_db, "sdnr_db": sdnr_db}
-    told = _told(**levels, noise_seconds=seconds or None, pings=pings)
+    told = _told(levels, noise_seconds=seconds or None)
     about = {
         "kind": "survey",
         "made_from": plain({"room": room, "scene": scene, "walk": walk, "seed": seed, **told}),
     }
     if _is_finished(folder, about):
         return folder
-    alone = _noise(room, walk[0], scene, seconds=seconds, seed=seed, pings=pings, **levels)
+    alone = _noise(room, walk[0], scene, seconds=seconds, seed=seed, levels=levels)
     with locked(folder, waiting=f"survey {name}: waiting for another command that walks it"):
         if not _is_finished(folder, about):
             disk.clean(folder)
@@ -108,9 +98,7 @@ def survey(
                 disk.write_atomic(
                     folder / reader.NOISE, audio.wav_bytes(alone, scene.probe.sample_rate)
                 )
-            _write(
-                folder, walk, room=room, scene=scene, seed=seed, told=_told(**levels, pings=pings)
-            )
+            _write(folder, walk, room=room, scene=scene, seed=seed, levels=levels)
             noise = [] if alone is None else [reader.NOISE]
             files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
             manifests.finish(
@@ -126,17 +114,13 @@ def _noise(
     *,
     seconds: float,
     seed: int,
-    pings: int,
-    snr_db: float | None,
-    sdnr_db: float | None,
+    levels: NoiseLevels,
 ) -> Array | None:
     """Return the noise alone, or None for no second of it; what cannot be simulated is refused."""
     rng = stream(seed, "noise alone", 0)
     if seconds:
-        return noise_alone(
-            room, pose, scene, seconds=seconds, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng, pings=pings
-        )
-    observe(room, pose, scene, snr_db=snr_db, sdnr_db=sdnr_db, rng=rng)
+        return noise_alone(room, pose, scene=scene, seconds=seconds, levels=levels, rng=rng)
+    observe(room, pose, scene=scene, levels=levels, rng=rng)
     return None
 
 
@@ -161,12 +145,13 @@ def noise_length(scene: Scene, seconds: float | None) -> float:
     return float(seconds)
 
 
-def _told(*, pings: int, **values: float | None) -> dict[str, Any]:
+def _told(levels: NoiseLevels, **others: float | None) -> dict[str, Any]:
     """Return what is given of a survey's numbers; a single ping goes without saying, as it always
     has.
     """
+    values = {"snr_db": levels.snr_db, "sdnr_db": levels.sdnr_db} | others
     told: dict[str, Any] = {key: float(value) for key, value in values.items() if value is not None}
-    return told | ({"pings": int(pings)} if pings > 1 else {})
+    return told | ({"pings": int(levels.pings)} if levels.pings > 1 else {})
 
 
 def _names(walk: list[Pose]) -> list[str]:
@@ -210,13 +195,13 @@ def _write(
     room: Room,
     scene: Scene,
     seed: int,
-    told: Mapping[str, Any],
+    levels: NoiseLevels,
 ) -> None:
-    """Write the recordings and what describes them; `told` are the levels and pings that are given."""
-    names, levels = _names(walk), {"snr_db": None} | dict(told)
+    """Write the recordings and what describes them."""
+    names, told = _names(walk), _told(levels)
     for index, pose in enumerate(track(walk, f"survey {folder.name}", unit="poses")):
         rng = stream(seed, "observation", index)
-        observation, _ = observe(room, pose, scene, rng=rng, **levels)
+        observation, _ = observe(room, pose, scene=scene, levels=levels, rng=rng)
         disk.write_atomic(
             folder / names[index], audio.wav_bytes(observation.samples, scene.probe.sample_rate)
         )

@@ -42,7 +42,7 @@ from echolearn.evaluation import stats
 from echolearn.localization.localizer import Localizer
 from echolearn.runtime.processes import processes
 from echolearn.runtime.progress import track
-from echolearn.simulation.levels import check_levels, check_pings
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.scene import Scene
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
@@ -167,19 +167,18 @@ class Study:
         Raises:
             BadValue: out of range, a T60 that the room cannot have, an unknown fault.
         """
-        usual = Condition(self.room, self.snr_db, self.sdnr_db, FAULTS["none"], self.pings)
+        levels = NoiseLevels(self.snr_db, self.sdnr_db, self.pings)
+        usual = Condition(self.room, levels, FAULTS["none"])
         if self.vary == "fault":
             check(value in FAULTS, "values", value, allowed=", ".join(FAULTS))
             found = replace(usual, fault=FAULTS[value])
         elif self.vary == "t60":
             found = replace(usual, room=replace(self.room, t60=value))
+        elif self.vary == "stretch":
+            found = replace(usual, stretch=value)
         else:
-            found = replace(usual, **{self.vary: value})
-        for name, level in (("snr_db", found.snr_db), ("sdnr_db", found.sdnr_db)):
-            if level is not None:
-                check_number(name, level, low=-100.0, high=100.0, unit="dB")
-        check_levels(self.scene, snr_db=found.snr_db, sdnr_db=found.sdnr_db)
-        check_pings(found.pings, "values" if self.vary == "pings" else "pings")
+            found = replace(usual, levels=replace(levels, **{self.vary: value}))
+        found.levels.check_scene(self.scene)
         if found.stretch is not None:
             check_whole("values", found.stretch, low=0, hint="stretches go by number")
         return found

@@ -23,6 +23,7 @@ from echolearn.checks import BadValue
 from echolearn.dataset.records import MAP_TOLERANCE
 from echolearn.localization.faults import DeafMicrophone
 from echolearn.localization.localizer import Localizer
+from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.observe import NOISE_SECONDS, add_noise, noise_alone
 from echolearn.simulation.scene import Scene
 
@@ -63,18 +64,14 @@ class Condition:
 
     Attributes:
         room: where it takes place.
-        snr_db: received probe over sensor noise; None is no such noise.
-        sdnr_db: received probe over diffuse noise; None is no such noise.
-        fault: of the array.
-        pings: how many recordings are averaged; the levels are those of one.
+        levels: levels of the noises, and how many recordings are averaged.
+        fault: what is wrong with the array.
         stretch: number of the noise that all recordings hear; None is noise of its own for each.
     """
 
     room: Room
-    snr_db: float | None
-    sdnr_db: float | None
+    levels: NoiseLevels
     fault: Fault
-    pings: int = 1
     stretch: int | None = None
 
 
@@ -112,16 +109,18 @@ class Trials:
         """Return all recordings, samples (B, M, N), with what a recording of the noise alone tells
         of it.
         """
-        room, rng, pings = self.condition.room, self.rng("fault", self.place), self.condition.pings
+        room, rng, levels = (
+            self.condition.room,
+            self.rng("fault", self.place),
+            self.condition.levels,
+        )
         scene, gains = spoil(self.scene, self.condition.fault, rng, first=self.place)
-        levels = {"snr_db": self.condition.snr_db, "sdnr_db": self.condition.sdnr_db}
         alone = gains * noise_alone(
-            room, self.pose, scene, seconds=NOISE_SECONDS, rng=rng, pings=pings, **levels
+            room, self.pose, scene=scene, seconds=NOISE_SECONDS, levels=levels, rng=rng
         )
         received = scene.received(room, self.pose)
         recordings = [
-            gains
-            * add_noise(received, scene, gain_db=0.0, rng=self.noise(number), pings=pings, **levels)
+            gains * add_noise(received, scene, levels=levels, rng=self.noise(number))
             for number in self.numbers
         ]
         about = (self.scene.probe, self.scene.array, self.scene.speed_of_sound)
