@@ -19,8 +19,8 @@ from echolearn.acoustics.types import Room
 from echolearn.cli import config
 from echolearn.comparison.compare import Walk, judge_set, judge_walk
 from echolearn.comparison.tables import Comparison, Contestant
-from echolearn.dataset.generate import FORMAT, folder_of
-from echolearn.dataset.labelled_set import Dataset
+from echolearn.dataset.generate import folder_of
+from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.dataset.plans import GridPlan, Plan, ScatteredPlan
 from echolearn.dataset.records import records
 from echolearn.evaluation import scoring
@@ -99,7 +99,18 @@ def plans() -> list[Plan]:
         GridPlan("grid", 1, HALL, 0.8, 1.0, window, scene, places, snr_db=loud),
         ScatteredPlan("scattered", 2, 140, low, high, t60, 1.0, window, scene, places, snr_db=loud),
         ScatteredPlan(
-            "offgrid_hall", 3, 60, size, size, t60, 1.0, window, scene, places, snr_db=loud
+            "offgrid_hall",
+            3,
+            60,
+            size,
+            size,
+            t60,
+            1.0,
+            window,
+            scene,
+            places,
+            snr_db=loud,
+            role="test",
         ),
     ]
 

@@ -22,4 +22,4 @@ Conventions, valid everywhere:
 This module imports nothing, so `import echolearn` costs nothing.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

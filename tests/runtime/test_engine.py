@@ -322,7 +322,7 @@ def test_the_command_line_reaches_a_running_scheduler(
         ),
         (
             "import echolearn; echolearn.__version__ = '0.0.9'",
-            "engine: a worker has echolearn 0.0.9 instead of 0.1.0; install there what is installed here",
+            "engine: a worker has echolearn 0.0.9 instead of 0.2.0; install there what is installed here",
         ),
     ],
 )

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from echolearn.checks import check
+from echolearn.dataset.labelled_set import FORMAT
 from echolearn.dataset.plans import Plan
 from echolearn.dataset.records import records
 from echolearn.runtime.engine import Engine
@@ -23,9 +24,6 @@ from echolearn.runtime.progress import track
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, presence
 from echolearn.storage.identity import digest, plain
-
-FORMAT = 1
-"""Version of the records; part of every digest."""
 
 BLOCK = 64
 """Rows whose recordings are held at a time, 4.5 MB each with all that is computed from them."""

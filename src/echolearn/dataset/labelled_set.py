@@ -13,6 +13,9 @@ from echolearn.storage import manifests
 from echolearn.storage.files import let_go, open_array
 from echolearn.storage.identity import digest
 
+FORMAT = 2
+"""Version of the sets that are written and read; part of every digest."""
+
 
 class Dataset:
     """A finished set, read from memory-mapped shards whose checksums were verified on opening.
@@ -37,6 +40,7 @@ class Dataset:
             self.folder,
             allowed="a folder written by echolearn generate",
         )
+        self._check_format()
         self.name: str = self.manifest["plan"]["name"]
         self.digest: str = digest(self.manifest["files"])
         mend = manifests.advice(self.manifest)
@@ -46,6 +50,16 @@ class Dataset:
             for name, entry in files
         ]
         self._ends = np.cumsum([len(shard) for shard in self._shards])
+
+    def _check_format(self) -> None:
+        """Refuse a set whose manifest or columns are those of another version."""
+        found = self.manifest.get("format")
+        if found != FORMAT:
+            maker = "echolearn 0.1" if found == 1 else f"another version (format {found})"
+            command = self.manifest.get("command")
+            again = command if manifests.is_command(command) else "echolearn generate plan=..."
+            reason = f"made by {maker}, whose sets this version cannot read"
+            raise BadValue(f"set={self.folder}: {reason}; make it again: {again}")
 
     def __len__(self) -> int:
         return int(self.manifest["rows"])

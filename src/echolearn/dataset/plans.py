@@ -20,6 +20,10 @@ from echolearn.localization.localizer import Localizer
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.scene import Scene
 
+ROLES = ("training", "grid", "test")
+"""What a set is for: `training`, what classifiers should be trained on; `grid`, positions on a grid,
+as in the paper, where few distances from the walls can be memorised; `test`, for tests alone."""
+
 
 @dataclass(frozen=True)
 class Spot:
@@ -54,6 +58,7 @@ class GridPlan:
         shard_rows: rows stored in one file.
         sdnr_db: range of a uniform SDNR per row if the scene has diffuse noise, else None.
         pings: how many recordings are averaged for each row; the levels are those of one.
+        role: what the set is for, see `ROLES`; no row depends on it.
     """
 
     name: str
@@ -70,6 +75,7 @@ class GridPlan:
     shard_rows: int = 64
     sdnr_db: tuple[float, float] | None = None
     pings: int = 1
+    role: str = "grid"
 
     def __post_init__(self) -> None:
         _check_common(self)
@@ -136,6 +142,7 @@ class ScatteredPlan:
         shard_rows: rows stored in one file.
         sdnr_db: range of a uniform SDNR if the scene has diffuse noise, else None.
         pings: how many recordings are averaged for each row; the levels are those of one.
+        role: what the set is for, see `ROLES`; no row depends on it.
     """
 
     name: str
@@ -154,6 +161,7 @@ class ScatteredPlan:
     shard_rows: int = 64
     sdnr_db: tuple[float, float] | None = None
     pings: int = 1
+    role: str = "training"
 
     def __post_init__(self) -> None:
         _check_common(self)
@@ -218,6 +226,7 @@ def _uniform(limits: tuple[float, float] | None, rng: np.random.Generator) -> fl
 def _check_common(plan: Plan) -> None:
     check_name("plan.name", plan.name)
     check_whole("plan.seed", plan.seed, low=0)
+    check(plan.role in ROLES, "plan.role", plan.role, allowed=f"one of {', '.join(ROLES)}")
     check_whole("plan.shard_rows", plan.shard_rows, low=1, high=4096, unit="rows")
     if plan.sdnr_db is not None:
         check_range("plan.sdnr_db", plan.sdnr_db, low=-100.0, high=100.0, unit="dB")
