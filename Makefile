@@ -54,19 +54,19 @@ readme: $(READY) ## run everything from nothing, in runs/fresh, and write the ti
 	  sed "s/<!-- $$target -->[^<]*<!-- end -->/$$text/" README.md > README.md.new && mv README.md.new README.md; \
 	done
 
-RECORDED = experiment=rotor,rotor_low,stretches 'name=$${choice.experiment}_recorded' diffuse=recorded diffuse.source.path=$(RECORDING)
+RECORDED = experiment=rotor,stretches 'name=$${choice.experiment}_recorded' diffuse=recorded diffuse.source.path=$(RECORDING)
 
 studies: $(READY) ## how well localizers find echoes, against SNR, T60, noise, faults; writes docs/studies.md
 	$(RUN) study -m runs=$(RUNS) workers=$(JOBS) page=docs/studies.md \
-	  -- experiment=paper_snr,paper_snr_low,paper_t60,rotor,rotor_low,stretches,arms,pings,faults \
+	  -- experiment=paper_snr,paper_t60,rotor,stretches,arms,pings,faults \
 	  -- experiment=attainable room=$(MAPPED) \
 	  -- experiment=attainable room=$(MAPPED) seed=1 'values=[-20]' pings=10 'name=attainable_$${choice.room}_10_pings' \
 	  -- experiment=attainable room=$(MAPPED) seed=2 'values=[-30]' pings=100 'name=attainable_$${choice.room}_100_pings' \
 	  $(if $(RECORDING),-- $(RECORDED))
 
-bench: $(READY) ## time everything beside its peers, and write the tables of README.md and docs/scaling.md; best on an idle machine
+bench: $(READY) ## time everything beside its peers, and write docs/benchmarks.md and docs/scaling.md; best on an idle machine
 	@test ! -e $(RUNS)/compare/paper/manifest.json || $(RUN) export best=$(RUNS)/compare/paper runs=$(RUNS)
-	$(RUN) bench runs=$(RUNS) readme=README.md scaling=docs/scaling.md
+	$(RUN) bench runs=$(RUNS) page=docs/benchmarks.md scaling=docs/scaling.md
 
 test: $(READY) ## run the tests but those for a release
 	@OMP_NUM_THREADS=1 $(BIN)/pytest -q

@@ -24,8 +24,9 @@ from echolearn.simulation.noise.rotor import Rotor
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
-from echolearn.studies.study import Study, listen
-from echolearn.studies.trials import METRICS
+from echolearn.studies.accuracy import METRICS
+from echolearn.studies.run import estimate
+from echolearn.studies.study import Study
 
 RING = circular_array()
 RATE = 22050.0
@@ -215,11 +216,11 @@ def test_under_a_robots_own_rotors_it_holds_the_map_that_plain_whitening_loses()
     scene = Scene(RING, signals.noise_probe(), Images(), White(), diffuse=ARMS)
     both = {"plain": Joint(whiten=True), "spatial": Joint(whiten="spatial")}
     study = Study("sdnr_db", [-37.0], ROOM, scene, both, positions=24, trials=24)
-    plain, weighted = listen(study, -37.0)["hit"][:, :2, METRICS.index("on_map")].mean(axis=0)
+    plain, weighted = estimate(study, -37.0)["hit"][:, :2, METRICS.index("on_map")].mean(axis=0)
     assert weighted >= 0.85
     assert weighted >= plain + 0.5
     spread = replace(study, scene=replace(scene, diffuse=Diffuse(Rotor())), positions=2, trials=6)
-    assert (listen(spread, -20.0)["hit"][:, 1, METRICS.index("on_map")] == 1.0).all()
+    assert (estimate(spread, -20.0)["hit"][:, 1, METRICS.index("on_map")] == 1.0).all()
 
 
 @pytest.mark.parametrize(

@@ -106,8 +106,9 @@ def compare(config: Config) -> None:
 def study(config: Config) -> None:
     """Measure every localizer's accuracy against SNR, reverberation, rotor noise or faults."""
     from echolearn.cli.config import build, without
-    from echolearn.studies.pages import check_page, publish
-    from echolearn.studies.study import Study, run
+    from echolearn.studies.page import check_page, publish
+    from echolearn.studies.run import run_study
+    from echolearn.studies.study import Study
 
     page, outside = Path(config["page"] or ""), ("name", "runs", "workers", "resamples", "command")
     if config["page"]:
@@ -122,7 +123,7 @@ def study(config: Config) -> None:
         "runs": Path(config["runs"]),
         "command": shlex.join(words),
     }
-    folder = run(Study(**about), **given)
+    folder = run_study(Study(**about), **given)
     if config["page"]:
         publish(folder, page)
 

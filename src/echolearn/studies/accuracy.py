@@ -1,0 +1,127 @@
+"""Which estimates are right: those of the strongest echo, against the walls around one pose.
+
+An estimate is *matched* with the wall whose true TOA is nearest to it, or of several within 5
+samples with the one nearest in direction.
+
+| metric  | the estimate ...                                                                   |
+|---------|------------------------------------------------------------------------------------|
+| toa     | lies within 5 samples of its wall's TOA (the paper, V-B)                           |
+| doa     | lies within 5 degrees of its wall; a planar array need not tell up from down       |
+| doa_any | lies within 5 degrees of any wall's azimuth: the paper's rule, often met by chance |
+| on_map  | lies, as a map point, within 0.10 m of a wall                                      |
+
+The baseline `chance` draws a TOA evenly from the search window and an azimuth evenly from the
+circle.
+"""
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from echolearn.acoustics.geometry import (
+    SearchWindow,
+    direction,
+    distance_to_outline,
+    outline,
+    true_echoes,
+    wall_points,
+)
+from echolearn.acoustics.types import Array, Observation, Pose, Room
+from echolearn.checks import BadValue
+from echolearn.dataset.records import MAP_TOLERANCE
+from echolearn.localization.faults import DeafMicrophone
+from echolearn.localization.localizer import Localizer
+
+METRICS = ("toa", "doa", "doa_any", "on_map")
+TOLERANCE_SAMPLES = 5
+TOLERANCE_DEGREES = 5.0
+
+DRAWS = 50
+"""Estimates drawn by chance for each recording."""
+
+
+def strongest_echo(
+    localizer: Localizer, observation: Observation, *, may_refuse: bool = False
+) -> Array:
+    """Return TOA in s, azimuth and elevation in rad of the strongest echo, shape (B, 3).
+
+    Args:
+        localizer: an estimator of one echo or more.
+        observation: samples (B, M, N).
+        may_refuse: whether a localizer may refuse the recordings, as of an array with a dead
+            microphone; then all estimates are NaN, which no metric counts as right.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeafMicrophone)
+        try:
+            echoes = localizer(observation)
+        except BadValue:
+            if not may_refuse:
+                raise
+            return np.full((len(observation.samples), 3), np.nan)
+    return np.stack([echoes.toa[:, 0], echoes.azimuth[:, 0], echoes.elevation[:, 0]], axis=1)
+
+
+def drawn_by_chance(
+    observation: Observation, window: SearchWindow, *, rng: np.random.Generator
+) -> Array:
+    """Return estimates of the baseline `chance`, `DRAWS` for each recording, shape (B * DRAWS, 3).
+
+    Args:
+        observation: samples (B, M, N).
+        window: that times are drawn from.
+        rng: draws them.
+    """
+    rate = observation.probe.sample_rate
+    count = len(observation.samples) * DRAWS
+    first, last = window.lags(observation.array, rate, observation.speed_of_sound)
+    toa = rng.uniform(first, last, count) / rate
+    azimuth = rng.uniform(-np.pi, np.pi, count)
+    return np.stack([toa, azimuth, np.full(count, np.pi / 2)], axis=1)
+
+
+def is_right(estimates: Array, *, room: Room, pose: Pose, observation: Observation) -> Array:
+    """Tell which metrics estimates meet, given the walls around one pose.
+
+    Args:
+        estimates: TOA in s, azimuth and elevation in rad, shape (B, 3); NaN is wrong.
+        room: gives the walls; floor and ceiling count for TOA and direction, not as walls of the
+            map.
+        pose: where the robot stands.
+        observation: gives its array and the speed of sound.
+
+    Returns:
+        Whether each metric of `METRICS` is met, shape (B, 4), as 0 and 1.
+    """
+    array = observation.array
+    speed = observation.speed_of_sound
+    truth = true_echoes(room, pose, array, speed)
+    toa, azimuth, elevation = estimates.T
+    late = np.abs(toa[:, None] - truth.toa) * observation.probe.sample_rate
+
+    # A planar array cannot tell up from down: both are mirrored into the upper half.
+    estimated, reference = direction(azimuth, elevation), direction(truth.azimuth, truth.elevation)
+    if np.ptp(array.positions[:, 2]) == 0.0:
+        estimated[:, 2] = np.abs(estimated[:, 2])
+        reference[:, 2] = np.abs(reference[:, 2])
+    away = np.degrees(np.arccos(np.clip(estimated @ reference.T, -1.0, 1.0)))
+
+    # Walls within the tolerance come before all others, and among them the direction decides.
+    matched = np.where(late < TOLERANCE_SAMPLES, away - 1000.0, late).argmin(axis=1)[:, None]
+    points = wall_points(
+        toa,
+        azimuth,
+        elevation,
+        position=pose.position,
+        heading=pose.heading,
+        array=array,
+        speed_of_sound=speed,
+    )
+    right: Sequence[Array] = (
+        np.take_along_axis(late, matched, axis=1)[:, 0] < TOLERANCE_SAMPLES,
+        np.take_along_axis(away, matched, axis=1)[:, 0] <= TOLERANCE_DEGREES,
+        (away <= TOLERANCE_DEGREES).any(axis=1),
+        distance_to_outline(points, outline(room)) <= MAP_TOLERANCE,
+    )
+    return np.stack(right, axis=1).astype(float)

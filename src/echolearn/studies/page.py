@@ -1,0 +1,85 @@
+"""A study in a page, between two lines that bear its name: what was varied, what is seen, figures.
+
+Its table and figures are copied into a folder of the page's name beside it. Where the paper says in
+words what such a study finds (V-B), a table has both.
+"""
+
+import csv
+import shlex
+from pathlib import Path
+
+from echolearn.storage import files, manifests
+from echolearn.storage.marked_page import Markers, around, write_between
+from echolearn.studies.curves import picked
+
+STATEMENTS = {
+    "paper_snr": (
+        ("the TOA of S-NLS is right in around 80 % at -10 dB", "snls", "toa", ("-10",)),
+        ("that of EM-MC similarly", "em", "toa", ("-10",)),
+        ("the DOA of S-NLS is good only at higher SNRs", "snls", "doa", ("-10", "0", "10")),
+    ),
+    "paper_t60": (
+        ("the TOA of S-NLS does not depend on T60 from 0.2 to 1 s", "snls", "toa", ("0.2", "1.0")),
+        ("nor does its DOA", "snls", "doa", ("0.2", "1.0")),
+    ),
+}
+"""What the paper says about its figures: text, localizer, metric, values; by study."""
+
+
+def markers(name: str) -> Markers:
+    """Return the lines between which a page has the study of that name."""
+    begin = f"<!-- study {name}: written by `echolearn study` -->"
+    return Markers(begin, f"<!-- end of study {name} -->", "page")
+
+
+def check_page(page: Path, name: str) -> None:
+    """Raise `BadValue` unless the page has the markers of that study."""
+    around(page, markers(name))
+
+
+def publish(folder: Path, page: Path) -> None:
+    """Put a finished study into a page, its table and figures beside it.
+
+    Raises:
+        BadValue: a damaged study, or a page without the markers of its name.
+    """
+    name = folder.name
+    manifest = manifests.verify(folder)
+    check_page(page, name)
+    beside = page.parent / page.stem
+    files.write_atomic(beside / f"{name}.csv", (folder / "study.csv").read_bytes())
+    # What has one value only is a table of a few numbers, no figure.
+    if len(manifest["study"]["values"]) > 1:
+        for figure in (folder / "figures").glob("*.svg"):
+            files.write_atomic(beside / f"{name}_{figure.name}", figure.read_bytes())
+    words = shlex.split(manifest.get("command", ""))
+    command = shlex.join(word for word in words if not word.startswith("runs="))
+    text = section(beside / f"{name}.csv", vary=manifest["study"]["vary"], command=command)
+    write_between(page, text, markers(name))
+
+
+def section(table: Path, *, vary: str, command: str) -> str:
+    """Return what a page in the folder above shows of a study.
+
+    Args:
+        table: `study.csv` as copied, its figures beside it.
+        vary: what was varied.
+        command: that made it; empty if that is not known.
+    """
+    with table.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    name = table.stem
+    said = f"{rows[0]['n']} recordings at each value; all shares with their intervals: "
+    said += f"[{table.name}]({table.parent.name}/{table.name})."
+    text = [f"{said} `{command}`" if command else said]
+    for figure in sorted(table.parent.glob(f"{name}_*.svg"), reverse=True):
+        text.append(f"![{figure.stem}]({table.parent.name}/{figure.name})")
+    lines = ["| the paper (V-B) | found, in % |", "|---|---|"]
+    for statement, localizer, metric, values in STATEMENTS.get(name, ()):
+        for value in values:
+            for row in picked(rows, localizer=localizer, metric=metric, **{vary: value}):
+                percent = [f"{100 * float(row[key]):.3g}" for key in ("value", "ci_low", "ci_high")]
+                lines.append(
+                    f"| {statement} | at {value}: {percent[0]} [{percent[1]}, {percent[2]}] |"
+                )
+    return "\n\n".join(text + (["\n".join(lines)] if lines[2:] else []))

@@ -1,0 +1,213 @@
+"""Carry a study out: estimates value by value, and what is counted from them.
+
+What the localizers get right at one value is one shard of the study's folder, so an interrupted
+study goes on with the value it was at. Estimates are not thrown away: a study of another content is
+never replaced; intervals (`resamples`) and files of an older format are made anew from them.
+
+Each metric is a share of all recordings. Intervals are a bootstrap over positions; where all or
+none of the recordings are right, Wilson's. A localizer that refuses the recordings of an array with
+a dead microphone (S-NLS, if it is microphone 1) is wrong in them.
+"""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echolearn.acoustics.streams import stream
+from echolearn.acoustics.types import Array
+from echolearn.checks import BadValue, check, check_name, check_whole
+from echolearn.evaluation import stats
+from echolearn.runtime.processes import processes
+from echolearn.runtime.progress import track
+from echolearn.storage import manifests
+from echolearn.storage.files import clean, write_atomic
+from echolearn.storage.identity import canonical, digest, plain
+from echolearn.storage.once import once
+from echolearn.studies import curves
+from echolearn.studies.accuracy import METRICS, drawn_by_chance, is_right, strongest_echo
+from echolearn.studies.recordings import Condition, Position, record
+from echolearn.studies.study import CHANCE, Study
+
+
+def run_study(
+    study: Study,
+    *,
+    name: str,
+    runs: Path,
+    workers: int = 1,
+    resamples: int = 1000,
+    command: str | None = None,
+) -> Path:
+    """Carry out a study, or what is missing of it, and write its table and figures.
+
+    Args:
+        study: what to vary.
+        name: names the folder under `runs/study`.
+        runs: folder of everything generated.
+        workers: processes; the result does not depend on their number.
+        resamples: bootstrap draws behind every interval.
+        command: what makes the study again, for its manifest; None says nothing about it.
+
+    Returns:
+        The study's folder.
+
+    Raises:
+        BadValue: an argument out of range, a study of that name made with other settings, or a
+            folder that cannot be written.
+    """
+    check_name("name", name)
+    check_whole("workers", workers, low=1, high=1024)
+    check_whole("resamples", resamples, low=20, high=100_000)
+    folder = Path(runs) / "study" / name
+    about = {
+        "kind": "study",
+        "format": curves.FORMAT,
+        "study": plain(study),
+        "resamples": resamples,
+    }
+
+    def finished() -> Path | None:
+        _check_same_study(folder, about["study"])
+        return folder if _is_finished(folder, about) else None
+
+    def make() -> Path:
+        estimates = folder / _shards_of(about["study"])
+        _estimate(study, estimates, workers=workers)
+        rows = accuracy_rows(study, estimates, resamples=resamples)
+        files = curves.study_files(name, study.vary, rows)
+        for file, content in files.items():
+            write_atomic(folder / file, content)
+        manifests.finish(folder, about | manifests.made_by(command), files)
+        return folder
+
+    once(folder, finished=finished, make=make, doing="makes this study")
+    print((folder / "study.md").read_text())
+    for figure in sorted((folder / "figures").glob("*.svg")):
+        print(figure)
+    return folder
+
+
+def _shards_of(study: Any) -> str:
+    """Return the name of the folder with the shards of a study, given as plain containers."""
+    return f"estimates-{digest(study)}"
+
+
+def _check_same_study(folder: Path, study: Any) -> None:
+    """Raise `BadValue` if another study stands under that name, finished or not."""
+    there = {path.name for path in folder.glob("estimates-*")}
+    # Of one that is not finished, or damaged, the shards alone tell what it is.
+    with suppress(BadValue, KeyError):
+        there.add(_shards_of(manifests.load_manifest(folder)["study"]))
+    check(
+        there <= {_shards_of(study)},
+        "name",
+        folder.name,
+        allowed="must be a new name, or that of a study with the same settings",
+        hint=f"{folder} has other settings or is of an earlier version; remove it to make it anew",
+    )
+
+
+def _is_finished(folder: Path, about: Mapping[str, Any]) -> bool:
+    try:
+        manifest = manifests.verify(folder)
+    except BadValue:
+        return False
+    return canonical({key: manifest.get(key) for key in about}) == canonical(about)
+
+
+def _estimate(study: Study, folder: Path, *, workers: int) -> None:
+    """Write the shard of every value that has none yet."""
+    clean(folder)
+    count = len(study.values)
+    missing = manifests.missing_shards(folder, count)
+    title = f"study {folder.parent.name}"
+    with processes(max(1, min(workers, len(missing)))) as pool:
+        jobs = [pool.submit(_write_shard, study, folder, index) for index in missing]
+        for job in track(jobs, title, unit="values", done=count - len(missing)):
+            job.result()
+
+
+def _write_shard(study: Study, folder: Path, index: int) -> None:
+    manifests.write_shard(folder, index, estimate(study, study.values[index]))
+
+
+def estimate(study: Study, value: Any) -> Array:
+    """Return what every localizer gets right in the recordings at one value.
+
+    Returns:
+        Records, shape (trials,): `position`, its number; `hit`, shape (localizers + 1, 4): for each
+        localizer, whether the metrics in the order of `METRICS` are met, and last the share for
+        `chance`.
+    """
+    condition = study.condition(value)
+    shape = (len(study.localizers) + 1, len(METRICS))
+    table = np.empty(study.trials, dtype=[("position", int), ("hit", float, shape)])
+    shared_out = np.array_split(np.arange(study.trials), study.positions)
+    for number, (pose, trials) in enumerate(zip(study.poses(), shared_out, strict=True)):
+        position = study.position(number, pose)
+        table["position"][trials] = number
+        table["hit"][trials] = evaluate_position(study, position, condition, trials=trials)
+    return table
+
+
+def evaluate_position(
+    study: Study, position: Position, condition: Condition, *, trials: Array
+) -> Array:
+    """Return which metrics each localizer and, last, chance meet at one position.
+
+    Args:
+        study: localizers, window and seed.
+        position: where, and with what.
+        condition: levels, fault, room.
+        trials: numbers of its recordings, shape (B,).
+
+    Returns:
+        Shape (B, localizers + 1, 4); of chance the share of its draws.
+    """
+    observation = record(position, condition, trials=trials.tolist(), seed=study.seed)
+
+    def right(estimates: Array) -> Array:
+        return is_right(estimates, room=condition.room, pose=position.pose, observation=observation)
+
+    found = []
+    for localizer in study.localizers.values():
+        may_refuse = condition.fault.dead > 0
+        found.append(right(strongest_echo(localizer, observation, may_refuse=may_refuse)))
+    rng = stream(study.seed, "guess", position.number)
+    draws = right(drawn_by_chance(observation, study.window, rng=rng))
+    found.append(draws.reshape(len(trials), -1, len(METRICS)).mean(axis=1))
+    return np.stack(found, axis=1)
+
+
+def accuracy_rows(study: Study, folder: Path, *, resamples: int) -> list[curves.Row]:
+    """Return the share of each metric with its interval, one row per value, localizer and metric.
+
+    Args:
+        study: what was varied.
+        folder: of the shards, one per value.
+        resamples: bootstrap draws behind every interval.
+    """
+    rows = []
+    for index, value in enumerate(study.values):
+        table = np.load(folder / manifests.shard_name(index), allow_pickle=False)
+        weights = stats.cluster_weights(table["position"], resamples=resamples)
+        for column, name in enumerate([*study.localizers, CHANCE]):
+            for metric, right in zip(METRICS, table["hit"][:, column].T, strict=True):
+                found = share(right, weights)
+                limits = {"value": found.value, "ci_low": found.low, "ci_high": found.high}
+                about = {"localizer": name, study.vary: value, "metric": metric, "n": len(right)}
+                rows.append(about | limits)
+    return rows
+
+
+def share(right: Array, weights: Array) -> stats.Interval:
+    """Return a share of recordings, right (B,), with its interval by `weights` (resamples, B)."""
+    if right.min() == right.max():
+        # Every resample would be the same: the bootstrap knows no uncertainty here.
+        return stats.wilson(round(right.sum()), len(right))
+    return stats.interval(
+        lambda each: right.mean() if each is None else each @ right / each.sum(axis=-1), weights
+    )
