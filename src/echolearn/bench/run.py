@@ -22,7 +22,8 @@ from echolearn.bench.localizers import localizers
 from echolearn.bench.measurement import COLUMNS, Measurement, Setting
 from echolearn.bench.models import inference, training
 from echolearn.bench.outlook import outlook
-from echolearn.bench.page import growth, page
+from echolearn.bench.page import growth
+from echolearn.bench.page import page as tables
 from echolearn.bench.responses import responses
 from echolearn.bench.robot import robot
 from echolearn.bench.sets import generating, growing
@@ -49,7 +50,7 @@ STAGES: dict[str, Callable[[Setting], Iterable[Measurement]]] = {
     "robot": robot,
     "start": start,
 }
-README = Markers("<!-- bench: written by echolearn bench -->", "<!-- end bench -->", "readme")
+PAGE = Markers("<!-- bench: written by echolearn bench -->", "<!-- end bench -->", "page")
 SCALING = Markers("<!-- scaling: written by echolearn bench -->", "<!-- end scaling -->", "scaling")
 REPETITIONS = "stage variant parameter value measure unit repetition result".split()
 """Columns of `repetitions.csv`."""
@@ -72,7 +73,7 @@ def bench(
     localizers: Mapping[str, Localizer],
     runs: Path,
     stages: Sequence[str] = tuple(STAGES),
-    readme: Path | None = None,
+    page: Path | None = None,
     scaling: Path | None = None,
     command: str | None = None,
     **often: Any,
@@ -82,7 +83,7 @@ def bench(
     Args:
         plan, growing, localizers, runs, often: see `Setting`.
         stages: which ones, by name.
-        readme: a file whose table of times, between markers, is replaced; None leaves it.
+        page: a Markdown page whose tables of times, between markers, are replaced; None leaves it.
         scaling: a file whose plan of a large set, between markers, is replaced; needs the stage
             `rows`.
         command: what does it again, for the manifest.
@@ -110,7 +111,7 @@ def bench(
             allowed=f"of {', '.join(STAGES)}",
             hint=suggest(str(stage), [*STAGES]),
         )
-    for path, markers in ((readme, README), (scaling, SCALING)):
+    for path, markers in ((page, PAGE), (scaling, SCALING)):
         if path is not None:
             around(path, markers)
     needed = scaling is None or "rows" in stages
@@ -131,13 +132,13 @@ def bench(
         found, failed = measured(wanted, replace(setting, place=Path(place)))
     machine = describe(load_before=before)
     write(folder, results(found, machine), manifests.made_by(command))
-    sys.stdout.write(f"{page(found, machine)}\n\n")
+    sys.stdout.write(f"{tables(found, machine)}\n\n")
     if failed:
         raise StagesFailed(
             f"{', '.join(failed)}: failed; no page was changed, {folder} holds the others"
         )
-    if readme is not None:
-        write_between(readme, page(found, machine, brief=True), README)
+    if page is not None:
+        write_between(page, tables(found, machine, brief=True), PAGE)
     if scaling is not None:
         write_between(scaling, outlook(found, machine, workers=setting.workers), SCALING)
     return folder
@@ -174,7 +175,7 @@ def _run(stage: str, setting: Setting) -> list[Measurement]:
 def results(found: Sequence[Measurement], machine: Mapping[str, Any]) -> dict[str, bytes]:
     """Return the files of a benchmark by name."""
     drawn = figures_of(found)
-    parts = [page(found, machine), *(f"![{Path(name).stem}]({name})" for name in drawn)]
+    parts = [tables(found, machine), *(f"![{Path(name).stem}]({name})" for name in drawn)]
     return drawn | {
         "bench.md": ("\n\n".join(parts) + "\n").encode(),
         "bench.csv": to_csv((exact(m.row()) for m in found), COLUMNS),

@@ -133,8 +133,8 @@ def bench(config: Config) -> Path:
     from echolearn.bench.run import bench as measure
     from echolearn.cli.config import build, without
 
-    given = build(without(config, "choice scene rir noise localizer window runs readme scaling"))
-    pages = {key: Path(config[key]) if config[key] else None for key in ("readme", "scaling")}
+    given = build(without(config, "choice scene rir noise localizer window runs page scaling"))
+    pages = {key: Path(config[key]) if config[key] else None for key in ("page", "scaling")}
     return measure(
         **given | pages, localizers=localizers(config["choice"]["plan"]), runs=Path(config["runs"])
     )
