@@ -68,6 +68,9 @@ bench: $(READY) ## time everything beside its peers, and write docs/benchmarks.m
 	@test ! -e $(RUNS)/compare/paper/manifest.json || $(RUN) export best=$(RUNS)/compare/paper runs=$(RUNS)
 	$(RUN) bench runs=$(RUNS) page=docs/benchmarks.md scaling=docs/scaling.md
 
+architecture: ## draw the rooms and who imports whom; writes docs/architecture.svg
+	$(PYTHON) docs/draw_architecture.py
+
 test: $(READY) ## run the tests but those for a release
 	@OMP_NUM_THREADS=1 $(BIN)/pytest -q
 

@@ -1,7 +1,7 @@
 """Who may import whom: the rooms of the house, read from the imports themselves."""
 
-import ast
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -10,10 +10,8 @@ from pathlib import Path
 
 import pytest
 
-import echolearn
-
-SOURCE = Path(echolearn.__file__).parent
-ROOT = SOURCE.parents[1]
+ROOT = Path(__file__).parents[1]
+HOUSE = runpy.run_path(str(ROOT / "docs" / "draw_architecture.py"))
 
 ROOMS = """
     cli bench studies comparison training dataset robot simulation walls mapping survey evaluation
@@ -61,39 +59,19 @@ IMPLEMENTATIONS = {
 """Folders of implementations of one interface, with the groups of `conf` that offer them."""
 
 
-def imports(path: Path) -> set[str]:
-    """Return the modules that a file names, at its top and inside its functions."""
-    named = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            named |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            named |= {f"{node.module}.{alias.name}" for alias in node.names} | {str(node.module)}
-    return named
-
-
-FILES = {
-    ".".join(path.relative_to(SOURCE).with_suffix("").parts): path
-    for path in SOURCE.rglob("*.py")
-    if path.stem not in {"__init__", "__main__"}
+FILES = HOUSE["modules"]()
+ARROWS = [(a, b) for a, others in HOUSE["rooms"]().items() for b in others]
+FOREIGN = {
+    (HOUSE["room"](name), library)
+    for name, path in FILES.items()
+    for library in {each.partition(".")[0] for each in HOUSE["imports"](path)}
+    if library not in sys.stdlib_module_names | {"echolearn"}
 }
-NAMED = {name: imports(path) for name, path in FILES.items()}
-INSIDE = {name: {each[10:] for each in NAMED[name]} & FILES.keys() for name in FILES}
 
 
-def room(name: str) -> str:
-    """Return the first part of a dotted name."""
-    return name.partition(".")[0]
-
-
-ARROWS = {(room(a), room(b)) for a in INSIDE for b in INSIDE[a] if room(a) != room(b)}
-LIBRARIES = {(room(a), room(b)) for a in NAMED for b in NAMED[a]}
-FOREIGN = {pair for pair in LIBRARIES if pair[1] not in sys.stdlib_module_names | {"echolearn"}}
-
-
-def floor(name: str) -> int:
-    """Return how many rooms lie on the longest way down from one."""
-    return 1 + max((floor(b) for a, b in ARROWS if a == name), default=0)
+def test_the_drawing_shows_the_imports_as_they_are() -> None:
+    """If not: make architecture."""
+    assert (ROOT / "docs" / "architecture.svg").read_text() == HOUSE["draw"]()
 
 
 def test_imports_go_down_only() -> None:
@@ -101,11 +79,13 @@ def test_imports_go_down_only() -> None:
 
 
 def test_the_house_is_low_and_has_few_stairs() -> None:
-    assert len(ARROWS) <= 100 and max(map(floor, ROOMS)) <= 10
+    graph = HOUSE["rooms"]()
+    assert len(ARROWS) <= 100
+    assert max(HOUSE["floor"](graph, name) for name in graph) <= 10
 
 
 def test_no_circle_of_files() -> None:
-    TopologicalSorter(INSIDE).prepare()
+    TopologicalSorter(HOUSE["files"]()).prepare()
 
 
 def test_what_runs_on_a_robot_imports_nothing_else() -> None:
