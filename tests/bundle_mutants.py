@@ -13,7 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from echolearn.robot import bundle
 from echolearn.storage import manifests
-from echolearn.storage.files import readable, sha256
+from echolearn.storage.files import json_bytes, sha256
 
 Mutate = Callable[[Path], None]
 FILES = ("bundle.json", "model.onnx", "golden.npz", "probe.wav")
@@ -33,7 +33,7 @@ def seal(folder: Path, **changes: Any) -> None:
             for name in bundle.LIMITS
             if (folder / name).is_file()
         }
-    (folder / "bundle.json").write_bytes(readable(manifests.stamped(about)))
+    (folder / "bundle.json").write_bytes(json_bytes(manifests.with_checksum(about)))
 
 
 def keys(said: str, **changes: Any) -> tuple[Mutate, str]:

@@ -13,7 +13,7 @@ from scipy.io import wavfile
 
 from bundle_mutants import Mutate, cut, flip, huge, swap
 from echolearn.storage import manifests
-from echolearn.storage.files import readable
+from echolearn.storage.files import json_bytes
 from echolearn.survey import proof, reader
 
 FIRST, SECOND = "observations/0000.wav", "observations/0001.wav"
@@ -134,7 +134,7 @@ def manifest(change: Callable[[dict[str, Any]], object]) -> Mutate:
     def mutate(folder: Path) -> None:
         about = json.loads((folder / "manifest.json").read_text())
         change(about)
-        (folder / "manifest.json").write_bytes(readable(manifests.stamped(about)))
+        (folder / "manifest.json").write_bytes(json_bytes(manifests.with_checksum(about)))
 
     return mutate
 
@@ -323,7 +323,7 @@ SURVEYS |= {
     "manifest nested, a little": (lambda f: (f / "manifest.json").write_text("[" * 900 + "]" * 900), "manifest.json"),  # type: ignore[dict-item,return-value]
     "manifest of NaN": (lambda f: (f / "manifest.json").write_text('{"files": NaN}'), "manifest.json"),  # type: ignore[dict-item,return-value]
     "manifest of ten megabytes": (manifest(lambda about: about.update(more="x" * 10**7)), "bytes: at most 8388608"),
-    "entry elsewhere": (entry("/etc/passwd"), "manifest.json files: bytes and sha256 of files inside"),
+    "entry elsewhere": (entry("/etc/passwd"), "manifest.json files: must be bytes and sha256 of files inside"),
     "entry above": (entry("../outside"), "manifest.json files"),
     "entry around": (entry("observations/../../outside"), "manifest.json files"),
     "entry with a zero": (entry("a\0b"), "manifest.json files"),

@@ -35,7 +35,7 @@ OWNERS = {
     "rir_generator": ["bench"],
     "matplotlib": ["comparison", "studies"],
     "jinja2": ["comparison"],
-    "rich dask distributed dask_jobqueue threadpoolctl": ["runtime"],
+    "rich dask distributed threadpoolctl": ["runtime"],
     "rosbags": ["mapping"],
     "filelock": ["storage"],
 }

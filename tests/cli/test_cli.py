@@ -177,12 +177,20 @@ def test_a_configuration_can_be_shown_instead_of_run(
         ("survey room.size=[8,6]", 1, "room.size=[8, 6]: three lengths in m"),
         ("compare", 1, "runs=runs: a folder with trained runs"),
         ("verify", 2, "verify: name one or more folders"),
-        ("verify nowhere", 1, "folder=nowhere: one that echolearn made; there is no such folder"),
-        ("verify /dev/null", 1, "folder=/dev/null: one that echolearn made; it is no folder"),
+        (
+            "verify nowhere",
+            1,
+            "folder=nowhere: must be a folder that echolearn made; there is no such folder",
+        ),
+        (
+            "verify /dev/null",
+            1,
+            "folder=/dev/null: must be a folder that echolearn made; it is a file",
+        ),
         (
             "verify .",
             1,
-            ".: not finished, there is no manifest.json, metrics.json or bundle.json, or none of echolearn's",
+            ".: not finished, or not made by echolearn: there is no manifest.json, metrics.json or bundle.json in it",
         ),
         (
             "verify --foo",
@@ -198,7 +206,7 @@ def test_a_configuration_can_be_shown_instead_of_run(
         (
             "export run=/dev/null",
             1,
-            "run=/dev/null: a folder that echolearn train wrote; it is no folder",
+            "run=/dev/null: a folder that echolearn train wrote; it is a file",
         ),
         (
             "export best=runs/compare/paper",
@@ -229,7 +237,7 @@ def test_an_empty_name_is_not_this_folder(capsys: pytest.CaptureFixture[str]) ->
     assert main(["verify", ""]) == 1
     assert (
         capsys.readouterr().err
-        == "error: folder=: one that echolearn made; is a variable of the shell empty?\n"
+        == "error: folder=: must be a folder that echolearn made; is a variable of the shell empty?\n"
     )
 
 

@@ -373,7 +373,7 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(
     assert "a folder in the recorded-survey format; there is no such folder" in refusal(
         survey=tmp_path / "nowhere"
     )
-    assert "it is no folder" in refusal(survey=walk / "survey.yaml")
+    assert "it is a file" in refusal(survey=walk / "survey.yaml")
     assert "this is a survey; did you swap survey and bundle?" in refusal(bundle=walk)
     assert "this is a bundle; did you swap survey and bundle?" in refusal(survey=packed)
     assert "survey.yaml: cannot be read" in refusal(survey=tmp_path)

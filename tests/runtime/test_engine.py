@@ -34,9 +34,9 @@ from echolearn.dataset.generate import _write, folder_of, generate
 from echolearn.dataset.records import records
 from echolearn.runtime.engines.dask import Dask, alone, versions
 from echolearn.runtime.engines.serial import Serial
-from echolearn.runtime.engines.slurm import DaskSlurm
 from echolearn.storage import manifests
-from echolearn.storage.files import clean, presence
+from echolearn.storage.files import clean
+from echolearn.storage.once import presence
 
 ENGINES = sorted(path.stem for path in (folder() / "engine").glob("*.yaml"))
 
@@ -58,8 +58,6 @@ SOURCE = Path(__file__).parents[2] / "src"
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in an empty folder, with a SLURM on the path, and return the folder."""
-    monkeypatch.setenv("PATH", f"{Path(__file__).parent / 'slurm'}:{os.environ['PATH']}")
-    monkeypatch.setenv("SLURM_HOME", str(tmp_path.with_name(f"{tmp_path.name}-slurm")))
     monkeypatch.setenv("PYTHONPATH", f"{SOURCE}:{os.environ.get('PYTHONPATH', '')}")
     place = tmp_path / "here"
     place.mkdir()
@@ -196,8 +194,7 @@ def address(about: Path) -> str:
 
 def engine(option: str, runs: Path, workers: int) -> Any:
     """Return an engine with so many workers, as the command line chooses it."""
-    few = [f"engine.cores={workers}", f"runs={runs}"] if option == "dask_slurm" else []
-    [(_, config)] = compose("generate", [f"engine={option}", f"workers={workers}", *few])
+    [(_, config)] = compose("generate", [f"engine={option}", f"workers={workers}"])
     return build(config["engine"], "engine")
 
 
@@ -210,8 +207,7 @@ def test_every_engine_makes_the_same_set_and_redoes_nothing(
     place = folder_of(plan, tmp_path)
     manifests.write_shard(place, 3, records(plan, range(3, 4)))
     before = (place / manifests.shard_name(3)).stat().st_mtime_ns
-    workers = 1 if option == "dask_slurm" else 2
-    assert generated(SMALL, engine(option, tmp_path, workers), tmp_path) == place
+    assert generated(SMALL, engine(option, tmp_path, 2), tmp_path) == place
     assert contents(place) == whole(SMALL)
     assert (place / manifests.shard_name(3)).stat().st_mtime_ns == before
     assert list(elsewhere.iterdir()) == []
@@ -458,27 +454,6 @@ def stopped(
         ),
         ("engine=dask workers=0", "workers=0: a number from 1 to 1024"),
         ("engine=dask engine.timeout=0", "engine.timeout=0 s: a number from 0.1 to 86400 s"),
-        (
-            "engine=dask_slurm engine.memory=16",
-            "engine.memory=16: a size such as 16GB; of a whole job",
-        ),
-        (
-            "engine=dask_slurm engine.walltime=4",
-            "engine.walltime=4: hours:minutes:seconds, such as 04:00:00",
-        ),
-        ("engine=dask_slurm engine.cores=0", "engine.cores=0: a number from 1 to 1024"),
-        (
-            "engine=dask_slurm engine.directives=--hold",
-            "engine.directives=--hold: a list, [a,b]; are brackets missing",
-        ),
-        (
-            "engine=dask_slurm engine.account=nobody",
-            "engine=dask_slurm: SLURM refuses its jobs; sbatch: error: Invalid account or account/partition",
-        ),
-        (
-            "engine=dask_slurm engine.queue=full",
-            "engine=dask_slurm: jobs that SLURM takes; is there a limit on their",
-        ),
     ],
 )
 def test_a_mistake_is_one_line(words: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -498,34 +473,3 @@ def test_without_dask_it_is_said_how_to_get_it(
         capsys.readouterr().err
         == "error: engine=dask: needs distributed; pip install 'echolearn[cluster]'\n"
     )
-
-
-def test_without_slurm_it_is_said_where_to_go(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("PATH", "/nowhere")
-    assert main(["generate", *SMALL, "engine=dask_slurm"]) == 1
-    assert "machine with SLURM's sbatch; run this on a login node" in capsys.readouterr().err
-
-
-# ---------------------------------------------------------------- SLURM
-
-
-def test_slurm_is_asked_for_single_threaded_workers(tmp_path: Path) -> None:
-    about = {
-        "cores": 8,
-        "memory": "12GB",
-        "walltime": "01:30:00",
-        "queue": "short",
-        "account": "acoustics",
-    }
-    lines = {"directives": ["--constraint=skylake"], "prologue": ["module load python"]}
-    with DaskSlurm(jobs=3, **about, **lines, logs=str(tmp_path / "logs")).cluster() as cluster:
-        script = cluster.job_script().splitlines()
-    asked = {line.removeprefix("#SBATCH ") for line in script if line.startswith("#SBATCH ")}
-    options = "-p short,-A acoustics,-n 1,--cpus-per-task=8,--mem=12G,-t 01:30:00,--constraint=skylake,-J echolearn"
-    assert asked >= set(options.split(","))
-    assert f"-o {tmp_path}/logs/echolearn-%J.out" in asked
-    assert script.index("module load python") < len(script) - 1
-    assert script[-1].startswith(f"{sys.executable} -m distributed.cli.dask_worker tcp://")
-    assert "--nthreads 1 --memory-limit 1.40GiB --nworkers 8" in script[-1]

@@ -161,7 +161,7 @@ def test_sigkill_in_the_middle_leaves_the_old_file_or_none(
 COUNTER = """
 import sys
 from pathlib import Path
-from echolearn.storage import files as disk
+from echolearn.storage.once import locked
 
 path = Path(sys.argv[1])
 for _ in range(200):
@@ -182,7 +182,7 @@ def test_one_at_a_time_changes_a_file(tmp_path: Path) -> None:
 HOLDER = """
 import os, sys, time
 from pathlib import Path
-from echolearn.storage import files as disk
+from echolearn.storage.once import locked
 
 with locked(Path(sys.argv[1])):
     if os.fork() == 0:
@@ -264,7 +264,7 @@ import resource, sys
 from pathlib import Path
 import numpy as np
 from echolearn.storage import files as disk, manifests as store
-from echolearn.acoustics.types import BadValue
+from echolearn.checks import BadValue
 
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 try:
@@ -407,7 +407,7 @@ def entries(count: int) -> dict[str, object]:
 
 def test_the_largest_set_is_read_again(tmp_path: Path) -> None:
     """As many shards as a set may have; ten million rows at 64 in each are 156 250."""
-    manifest = manifests.stamped({"kind": "set", "files": entries(manifests.MOST)})
+    manifest = manifests.with_checksum({"kind": "set", "files": entries(manifests.MOST)})
     disk.save_json(tmp_path / manifests.MANIFEST, manifest)
     assert manifests.load_manifest(tmp_path) == manifest
 
@@ -421,7 +421,7 @@ def test_a_manifest_that_nobody_would_read_is_not_written(unfinished: Path) -> N
     ):
         manifests.finish(unfinished, about, names, largest=1000)
     assert {path.name: path.read_bytes() for path in unfinished.iterdir()} == before
-    size = len(disk.readable(manifests.finish(unfinished, about, names)))
+    size = len(disk.json_bytes(manifests.finish(unfinished, about, names)))
     assert manifests.load_manifest(unfinished, largest=size)["plan"] == "x" * 1000
     with pytest.raises(BadValue, match=f"={size} bytes: at most {size - 1} bytes"):
         manifests.load_manifest(unfinished, largest=size - 1)
@@ -443,9 +443,9 @@ def test_the_metrics_of_a_run_are_a_manifest_too(tmp_path: Path) -> None:
 
 def test_what_comes_back_is_what_was_stamped(tmp_path: Path) -> None:
     """Tuples become lists, as in JSON, and a stamp does not count itself."""
-    once = manifests.stamped({"a": (1, 2)})
+    once = manifests.with_checksum({"a": (1, 2)})
     assert once["a"] == [1, 2]
-    assert manifests.stamped(once) == once
+    assert manifests.with_checksum(once) == once
 
 
 def test_a_folder_without_manifest_is_not_finished(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ from echolearn.dataset.plans import Plan, ScatteredPlan
 from echolearn.localization.localizer import Localizer
 from echolearn.runtime.processes import processes
 from echolearn.storage import manifests
-from echolearn.storage.files import clean, one_line, readable, write_atomic
+from echolearn.storage.files import clean, json_bytes, one_line, write_atomic
 from echolearn.storage.marked_page import Markers, around, write_between
 
 STAGES: dict[str, Callable[[Setting], Iterable[Measurement]]] = {
@@ -131,7 +131,7 @@ def bench(
         wanted = [stage for stage in STAGES if stage in stages]
         found, failed = measured(wanted, replace(setting, place=Path(place)))
     machine = describe(load_before=before)
-    write(folder, results(found, machine), manifests.made_by(command))
+    write(folder, results(found, machine), manifests.command_entry(command))
     sys.stdout.write(f"{tables(found, machine)}\n\n")
     if failed:
         raise StagesFailed(
@@ -180,7 +180,7 @@ def results(found: Sequence[Measurement], machine: Mapping[str, Any]) -> dict[st
         "bench.md": ("\n\n".join(parts) + "\n").encode(),
         "bench.csv": to_csv((exact(m.row()) for m in found), COLUMNS),
         "repetitions.csv": every(found),
-        "machine.json": readable(machine),
+        "machine.json": json_bytes(machine),
     }
 
 

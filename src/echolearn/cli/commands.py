@@ -194,7 +194,7 @@ def verify(folder: str) -> str:
         folder != "",
         "folder",
         "",
-        allowed="one that echolearn made",
+        allowed="must be a folder that echolearn made",
         hint="is a variable of the shell empty?",
     )
     place = Path(folder)

@@ -26,7 +26,7 @@ from echolearn.runtime.processes import processes
 from echolearn.runtime.progress import track
 from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.identity import digest, plain
-from echolearn.storage.manifests import MANIFEST, finish, made_by, verify
+from echolearn.storage.manifests import MANIFEST, command_entry, finish, verify
 from echolearn.storage.marked_page import around
 from echolearn.training.runs import Run, answer_map, answer_set, load_runs, sheet_of
 
@@ -111,7 +111,7 @@ def compare(
     if not _is_finished(folder, inputs):
         contest = hold(trained, sets, walks, localizers, resamples=resamples, workers=workers)
         about = {"kind": "comparison", "inputs": inputs, "chosen": chosen_run(contest).identity}
-        _write(folder, contest, about=about | made_by(command))
+        _write(folder, contest, about=about | command_entry(command))
     report.show(folder, readme=readme)
     return folder
 

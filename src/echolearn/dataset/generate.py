@@ -22,8 +22,9 @@ from echolearn.dataset.records import records
 from echolearn.runtime.engine import Engine
 from echolearn.runtime.progress import track
 from echolearn.storage import manifests
-from echolearn.storage.files import clean, presence
+from echolearn.storage.files import clean
 from echolearn.storage.identity import digest, plain
+from echolearn.storage.once import presence
 
 BLOCK = 64
 """Rows whose recordings are held at a time, 4.5 MB each with all that is computed from them."""
@@ -72,7 +73,7 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
             "rows": len(plan) * plan.localizer.echoes,
             "plan": plain(plan),
         }
-        manifests.finish(folder, about | manifests.made_by(command), names)
+        manifests.finish(folder, about | manifests.command_entry(command), names)
     return folder
 
 

@@ -43,7 +43,7 @@ class Dataset:
         self._check_format()
         self.name: str = self.manifest["plan"]["name"]
         self.digest: str = digest(self.manifest["files"])
-        mend = manifests.advice(self.manifest)
+        mend = manifests.repair_hint(self.manifest)
         files = sorted(self.manifest["files"].items())
         self._shards = [
             open_array(self.folder / name, size=entry["bytes"], sha256=entry["sha256"], mend=mend)

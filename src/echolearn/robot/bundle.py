@@ -32,7 +32,7 @@ from echolearn.localization.localizer import Localizer
 from echolearn.robot import untrusted_files
 from echolearn.robot.schema import check_text, check_told, part
 from echolearn.storage import manifests
-from echolearn.storage.files import MEND, one_line, readable
+from echolearn.storage.files import MEND, json_bytes, one_line
 
 SCHEMA = 2
 """Version of the format; a reader refuses others. In the first, `parity` was a number."""
@@ -118,7 +118,7 @@ def _parse(text: bytes, name: str) -> dict[str, Any]:
     """
     try:
         about = json.loads(text, parse_constant=_refuse)
-        whole = isinstance(about, dict) and readable(manifests.stamped(about)) == text
+        whole = isinstance(about, dict) and json_bytes(manifests.with_checksum(about)) == text
     except (ValueError, RecursionError, AttributeError) as error:
         raise BadValue(f"{name}: cannot be read as JSON ({one_line(error)}); {MEND}") from None
     check(

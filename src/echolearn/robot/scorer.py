@@ -259,7 +259,7 @@ def prove(path: Path) -> str:
         about = load(path).bundle.about
     except BadValue as error:
         try:
-            mend = manifests.advice(manifests.load_manifest(path, largest=manifests.FOREIGN))
+            mend = manifests.repair_hint(manifests.load_manifest(path, largest=manifests.FOREIGN))
         except BadValue:
             mend = "export it again"
         raise BadValue(

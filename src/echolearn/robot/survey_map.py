@@ -105,7 +105,7 @@ def draw(
         found |= {
             "poses": len(chart.path),
             "kept": int(np.sum(chart.map.kept)),
-            **manifests.made_by(command),
+            **manifests.command_entry(command),
         }
         files = _files(chart, ros=ros)
         with locked(folder, waiting=f"map {name}: waiting for another command that writes it"):

@@ -102,7 +102,7 @@ def survey(
             noise = [] if alone is None else [reader.NOISE]
             files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
             manifests.finish(
-                folder, about | manifests.made_by(command), files, largest=manifests.FOREIGN
+                folder, about | manifests.command_entry(command), files, largest=manifests.FOREIGN
             )
     return folder
 

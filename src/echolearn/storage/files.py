@@ -1,10 +1,10 @@
-"""Files that are whole or absent: atomic writes, checksums, JSON and arrays as the same bytes for
-the same input.
+"""Files that are whole or absent: atomic writes, checksums, JSON and arrays of repeatable bytes.
 
 A file is written under a temporary name in its own folder, synced and renamed, so at its final name
 it is either the old one or the new one, whatever happens in between. Formats alone let most single
-flipped bits through in silence, so what is read is proved by size and SHA-256 first. Nothing here
-reads or writes pickles; JSON has sorted keys and shortest floats.
+flipped bits through in silence, so what is read is checked by size and SHA-256 first. Nothing here
+reads or writes pickles. JSON has sorted keys and shortest floats, so the same input gives the same
+bytes.
 """
 
 import errno
@@ -15,9 +15,10 @@ import mmap
 import os
 import secrets
 import stat
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -41,8 +42,7 @@ def sha256(path: Path) -> str:
 
 
 def write_atomic(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
-    """Write a file so that at `path` stands either the old content or all of the new one, never a
-    part.
+    """Write a file so that `path` holds the old content or all of the new one, never a part.
 
     Args:
         path: where; missing folders are made.
@@ -57,12 +57,15 @@ def write_atomic(path: Path, content: bytes | Callable[[BinaryIO], object]) -> N
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary.open("xb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)  # tells `clean` that this writer is alive
+            # The lock tells `clean` that this writer is alive.
+            fcntl.flock(file, fcntl.LOCK_EX)
             content(file) if callable(content) else file.write(content)
+
+            # The content is on the disk before it has the name, and the name before we go on.
             file.flush()
             os.fsync(file.fileno())
             temporary.replace(path)
-        sync_folder(path.parent)
+        _sync_folder(path.parent)
     except OSError as error:
         raise unwritable(path, error) from error
     finally:
@@ -72,17 +75,14 @@ def write_atomic(path: Path, content: bytes | Callable[[BinaryIO], object]) -> N
 
 def unwritable(path: Path, error: OSError) -> BadValue:
     """Return the one line about a file that cannot be written."""
-    reason = error.strerror or error
-    advice = (
-        "make room and run the same command again"
-        if error.errno in FULL
-        else "is the folder the right one?"
-    )
-    return BadValue(f"{path}: cannot be written ({reason}); {advice}")
+    advice = "is the folder the right one?"
+    if error.errno in FULL:
+        advice = "make room and run the same command again"
+    return BadValue(f"{path}: cannot be written ({error.strerror or error}); {advice}")
 
 
-def sync_folder(folder: Path) -> None:
-    """Make renames in `folder` survive a power cut."""
+def _sync_folder(folder: Path) -> None:
+    """Make renames in a folder survive a power cut."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -90,41 +90,13 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-MARKS: set[BinaryIO] = set()
-"""Open files by which this process is known to be present; its copies close theirs, lest they seem
-to be it."""
-
-os.register_at_fork(after_in_child=lambda: [file.close() for file in MARKS])
-
-
-@contextmanager
-def presence(folder: Path) -> Iterator[Path]:
-    """Keep an empty file in `folder` for the time of a `with` block, by which others know that it
-    is the same folder.
-
-    Raises:
-        BadValue: the folder cannot be written.
-    """
-    mark = Path(folder) / f".{secrets.token_hex(6)}.tmp"
-    write_atomic(mark, b"")
-    with mark.open("rb+") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)  # tells `clean` that somebody is here
-        MARKS.add(file)
-        try:
-            yield mark
-        finally:
-            MARKS.discard(file)
-            mark.unlink(missing_ok=True)
-            with suppress(OSError):
-                mark.parent.rmdir()  # if nothing came of it
-
-
 def clean(folder: Path) -> None:
-    """Remove the temporaries that killed writers left in `folder`; those of living writers stay."""
-    for temporary in Path(folder).glob(".*.tmp"):
-        with suppress(OSError), temporary.open("rb") as file:
+    """Remove the temporaries and locks that killed commands left in a folder, not living ones'."""
+    folder = Path(folder)
+    for left in chain(folder.glob(".*.tmp"), folder.glob(".*.lock")):
+        with suppress(OSError), left.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            temporary.unlink()
+            left.unlink()
 
 
 def save_array(path: Path, array: Array) -> None:
@@ -136,10 +108,10 @@ def save_array(path: Path, array: Array) -> None:
 
 def save_json(path: Path, plain: Any) -> None:
     """Write plain containers as readable JSON, atomically, with sorted keys."""
-    write_atomic(path, readable(plain))
+    write_atomic(path, json_bytes(plain))
 
 
-def readable(plain: Any) -> bytes:
+def json_bytes(plain: Any) -> bytes:
     """Return the text that `save_json` writes: that of `canonical` on many lines."""
     return (json.dumps(json.loads(canonical(plain)), sort_keys=True, indent=1) + "\n").encode()
 
@@ -157,7 +129,7 @@ def load_json(path: Path) -> Any:
 
 
 def open_array(path: Path, *, size: int, sha256: str, mend: str = MEND) -> Array:
-    """Map an `.npy` file into memory, read-only, after proving it whole.
+    """Map an `.npy` file into memory, read-only, after checking that it is whole.
 
     Args:
         path: the file.
@@ -168,7 +140,7 @@ def open_array(path: Path, *, size: int, sha256: str, mend: str = MEND) -> Array
     Raises:
         BadValue: the file is missing, its size or checksum differs, or it holds Python objects.
     """
-    prove(path, size=size, expected=sha256, mend=mend)
+    check_file(path, size=size, expected=sha256, mend=mend)
     try:
         return np.load(path, mmap_mode="r", allow_pickle=False)
     except ValueError as error:
@@ -176,26 +148,35 @@ def open_array(path: Path, *, size: int, sha256: str, mend: str = MEND) -> Array
 
 
 def let_go(array: Array) -> None:
-    """Give the pages of a memory-mapped array back to the system, which keeps them cached; a later
-    look maps anew.
-    """
+    """Give the pages of a memory-mapped array back to the system; a later look maps them anew."""
     mapping = getattr(array, "_mmap", None)
     if mapping is not None and hasattr(mmap, "MADV_DONTNEED"):
         mapping.madvise(mmap.MADV_DONTNEED)
 
 
-def prove(path: Path, *, size: int, expected: str, mend: str = MEND) -> None:
-    """Raise `BadValue` unless at `path` is a plain file of that many bytes and that SHA-256."""
+def check_file(path: Path, *, size: int, expected: str, mend: str = MEND) -> None:
+    """Raise `BadValue` unless a plain file is whole.
+
+    Args:
+        path: the file.
+        size: expected, in bytes.
+        expected: its SHA-256, 64 hexadecimal digits.
+        mend: what the error advises.
+    """
+    damage = ""
     try:
         about = Path(path).stat()
-        found, plain = about.st_size, stat.S_ISREG(about.st_mode)
-        whole = plain and found == size and sha256(path) == expected
+        # The cheapest look comes first: a device or a pipe could be read for ever.
+        if not stat.S_ISREG(about.st_mode):
+            damage = "no plain file"
+        elif about.st_size != size:
+            damage = f"{about.st_size} bytes instead of {size}"
+        elif sha256(path) != expected:
+            damage = "its SHA-256 differs"
     except OSError as error:
         raise BadValue(f"{path}: cannot be read ({error.strerror or error}); {mend}") from None
-    if not whole:
-        what = f"{found} bytes instead of {size}" if found != size else "its SHA-256 differs"
-        what = what if plain else "no plain file"
-        raise BadValue(f"{path}: damaged, {what}; {mend}")
+    if damage:
+        raise BadValue(f"{path}: damaged, {damage}; {mend}")
 
 
 def one_line(error: BaseException) -> str:

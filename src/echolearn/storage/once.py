@@ -1,17 +1,20 @@
-"""A thing is made once: whoever comes second takes what is there, or waits for the first one to
-finish it.
+"""A thing is made once: whoever comes second takes what is there, or waits for the first.
 
     finished? -> lock -> finished meanwhile? -> make -> declare finished
 
 Looking twice costs little: a finished thing is found without a lock, and whoever had to wait for
-    one finds what the
-other command has made. What `make` leaves is finished only when it says so itself, last of all
-(`manifests.finish`).
+one finds what the other command has made. What `make` leaves is finished only when it says so
+itself, last of all (`manifests.finish`).
+
+A lock is a hidden file beside what it protects. The system frees it when its holder ends, even by
+SIGKILL, and a forked worker does not inherit it. The file is removed when the lock is released, so
+that folders of results, and the pages of a repository, hold nothing but what people want there.
 """
 
+import secrets
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -26,7 +29,7 @@ def once(folder: Path, *, finished: Callable[[], T | None], make: Callable[[], T
     """Return what stands in a folder if it is finished, or else make it, one process at a time.
 
     Args:
-        folder: what is made; it need not exist.
+        folder: place of what is made; it need not exist.
         finished: returns what is there if it is finished, else None; it is called again when the
             lock is held.
         make: makes it, and returns the same as `finished`.
@@ -38,39 +41,70 @@ def once(folder: Path, *, finished: Callable[[], T | None], make: Callable[[], T
     found = finished()
     if found is not None:
         return found
+
     with locked(folder, waiting=f"{folder.name}: waiting for another command that {doing}"):
         found = finished()
         return make() if found is None else found
 
 
 @contextmanager
-def locked(path: Path, *, waiting: str = "") -> Iterator[None]:
-    """Wait until no other process, or thread, is within this block for the same path, which need
-    not exist.
-
-    A file `.<name>.lock` stands beside the path. The system gives the lock of a killed holder to
-    the next.
+def locked(path: Path, *, waiting: str = "") -> Iterator[Path]:
+    """Wait until nobody else, process or thread, is within this block for the same path.
 
     Args:
-        path: a file or folder that the block changes.
-        waiting: what to say on stderr if another is there.
+        path: a file or folder that the block changes; it need not exist.
+        waiting: text for stderr if somebody else is there.
+
+    Yields:
+        The lock's file, `.<name>.lock` beside the path.
 
     Raises:
         BadValue: the folder beside the path cannot be written.
     """
-    place = Path(path).parent / f".{Path(path).name}.lock"
-    lock = FileLock(place)
+    file = Path(path).parent / f".{Path(path).name}.lock"
+    # A disk without locks is an error: a file that merely exists would outlive a killed holder.
+    lock = FileLock(file, fallback_to_soft=False)
     try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            lock.acquire(timeout=0)
-        except Timeout:
-            if waiting:
-                print(waiting, file=sys.stderr, flush=True)
-            lock.acquire()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        _acquire(lock, waiting=waiting)
     except OSError as error:
-        raise unwritable(place, error) from error
+        raise unwritable(file, error) from error
+
     try:
-        yield
+        yield file
     finally:
+        # Removed while it is still held: whoever waits for it sees that it has lost its name, and
+        # locks a new one.
+        with suppress(OSError):
+            file.unlink()
         lock.release()
+
+
+@contextmanager
+def presence(folder: Path) -> Iterator[Path]:
+    """Keep a file in a folder by which others, on other machines too, know that they see the same.
+
+    Args:
+        folder: made if it is missing, and removed again if nothing else has come into it.
+
+    Yields:
+        The file; `files.clean` removes what a killed holder left.
+
+    Raises:
+        BadValue: the folder cannot be written.
+    """
+    try:
+        with locked(Path(folder) / secrets.token_hex(6)) as mark:
+            yield mark
+    finally:
+        with suppress(OSError):
+            Path(folder).rmdir()
+
+
+def _acquire(lock: FileLock, *, waiting: str) -> None:
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        if waiting:
+            print(waiting, file=sys.stderr, flush=True)
+        lock.acquire()

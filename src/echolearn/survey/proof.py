@@ -64,7 +64,7 @@ def prove_manifest(folder: Path) -> frozenset[str]:
         manifest = manifests.load_manifest(folder, largest=manifests.FOREIGN)
     except BadValue as error:
         raise BadValue(f"{error}; {CHANGED}") from None
-    entries, mend = manifest["files"], f"{CHANGED}; else {manifests.advice(manifest)}"
+    entries, mend = manifest["files"], f"{CHANGED}; else {manifests.repair_hint(manifest)}"
     check(
         manifest.get("kind") == "survey",
         f"{place} kind",
@@ -86,7 +86,7 @@ def prove_manifest(folder: Path) -> frozenset[str]:
             f"{entry['bytes']} bytes",
             allowed=f"at most {limit}",
         )
-        disk.prove(folder / name, size=entry["bytes"], expected=entry["sha256"], mend=mend)
+        disk.check_file(folder / name, size=entry["bytes"], expected=entry["sha256"], mend=mend)
     return frozenset(entries)
 
 

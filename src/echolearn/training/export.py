@@ -86,7 +86,7 @@ def export(
     dataset = find_data(source)
     about = describe(source, dataset, array=array, probe=probe, resamples=resamples)
     about["metrics"]["maps"] = [] if best is None else judged_maps(Path(best), source)
-    about |= {"name": folder.name, **manifests.made_by(command)}
+    about |= {"name": folder.name, **manifests.command_entry(command)}
     _check_free(folder, source)
     files = pack(source, dataset, probe)
     with locked(

@@ -84,7 +84,7 @@ def train(
     from echolearn.training.tensorboard import writable
 
     with writable(folder):
-        return run(task, classifier, identity, folder, about=manifests.made_by(command))
+        return run(task, classifier, identity, folder, about=manifests.command_entry(command))
 
 
 def finished(folder: Path, identity: Mapping[str, Any]) -> dict[str, Any] | None:
