@@ -33,7 +33,7 @@ def test_the_wheel_carries_the_configurations_and_works_elsewhere(tmp_path: Path
     } == configurations
     assert (installed / "py.typed").is_file()
     run = subprocess.run(
-        [sys.executable, "-m", "echolearn.cli.main", "train", "--cfg"],
+        [sys.executable, "-m", "echolearn", "train", "--cfg"],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(tmp_path / "installed")},
         capture_output=True,

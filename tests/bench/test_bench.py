@@ -269,7 +269,7 @@ def test_the_command_replaces_what_an_earlier_or_a_killed_one_left(
 
 def test_an_interrupt_ends_it_in_the_middle_of_a_stage(tmp_path: Path) -> None:
     words = ["bench", "stages=[rows]", "rows=[100000]", f"runs={tmp_path}"]
-    command = [sys.executable, "-m", "echolearn.cli.main", *words]
+    command = [sys.executable, "-m", "echolearn", *words]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         while process.poll() is None and not list(tmp_path.glob("bench/.scratch-*/*/data/*")):
             time.sleep(0.05)

@@ -290,7 +290,7 @@ def test_the_command_line_reaches_a_running_scheduler(
     with (
         worker(running),
         worker(running) as second,
-        started("-m", "echolearn.cli.main", *words, cwd=elsewhere) as client,
+        started("-m", "echolearn", *words, cwd=elsewhere) as client,
     ):
         wait_for(lambda: len(list(finished(elsewhere))) > 2)
         second.kill()
@@ -415,7 +415,7 @@ def stopped(
 ) -> tuple[str, float]:
     """Stop a command once so many shards stand; return what it said and how long it took all its
     processes to end."""
-    with started("-m", "echolearn.cli.main", *words) as client:
+    with started("-m", "echolearn", *words) as client:
         wait_for(lambda: len(list(finished(where))) >= shards)
         workers, began = children(client.pid), time.monotonic()
         stop(client.pid)

@@ -13,7 +13,7 @@ HELP, BARE = "echolearn --help", "python -c pass"
 
 def start(setting: Setting) -> Iterator[Measurement]:
     """Time `echolearn --help` and an empty Python program, as processes."""
-    lines = {HELP: ("-m", "echolearn.cli.main", "--help"), BARE: ("-c", "pass")}
+    lines = {HELP: ("-m", "echolearn", "--help"), BARE: ("-c", "pass")}
     work = partial(subprocess.run, check=True, stdout=subprocess.DEVNULL)
     laps = setting.race(
         {name: Contestant(partial(work, [sys.executable, *words])) for name, words in lines.items()}
