@@ -80,7 +80,7 @@ def run_study(
         files = curves.study_files(name, study.vary, rows)
         for file, content in files.items():
             write_atomic(folder / file, content)
-        manifests.finish(folder, about | manifests.made_by(command), files)
+        manifests.finish(folder, about | manifests.command_entry(command), files)
         return folder
 
     once(folder, finished=finished, make=make, doing="makes this study")
