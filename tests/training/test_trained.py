@@ -11,7 +11,8 @@ from echolearn.checks import BadValue
 from echolearn.comparison.tables import Comparison
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics
-from echolearn.training.runs import Run, answer_map, answer_set, load_runs, sheet_of
+from echolearn.storage import manifests
+from echolearn.training.runs import Run, answer_map, answer_set, load_runs, read_run, sheet_of
 from echolearn.training.split import Task
 from world import TRAINED, World
 
@@ -195,3 +196,34 @@ def test_a_damaged_run_answers_nothing(
     (copy.folder / name).write_bytes(bytes(content))
     with pytest.raises(BadValue, match=f"{name}: (damaged|cannot be read)"):
         answer_set(copy, world.sets["grid"])
+
+
+def test_a_run_of_before_is_left_out_and_refused_by_name(
+    world: World, runs: list[Run], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Runs of version 0.1 have no `format`."""
+    shutil.copytree(world.runs / "data", tmp_path / "data")
+    kept, old, later = (
+        Path(shutil.copytree(run.folder, tmp_path / "train" / run.identity)) for run in runs[:3]
+    )
+    for folder, number in ((old, {}), (later, {"format": 99})):
+        about = {k: v for k, v in manifests.verify(folder).items() if k != "format"} | number
+        manifests.finish(folder, about, list(about["files"]), last=manifests.METRICS)
+    assert [run.folder for run in load_runs(tmp_path)] == [kept]
+    assert capsys.readouterr().err.splitlines() == [
+        f"run={old}: made by echolearn 0.1, left out: train it again",
+        f"run={later}: made by another version of echolearn (format 99), left out: train it again",
+    ]
+    with pytest.raises(BadValue, match=f"^run={old}: made by echolearn 0.1: train it again$"):
+        read_run(old)
+
+
+def test_what_a_run_is_stands_in_its_metrics(runs: list[Run]) -> None:
+    found = {(run.classifier, run.method, run.role) for run in runs}
+    assert found == {
+        ("svm_pair", "svm", "learned"),
+        ("threshold_peak", "threshold", "baseline"),
+        ("trees_features", "trees", "learned"),
+    }
+    assert {run.plan for run in runs} == {"grid", "scattered"}
+    assert {(run.target, run.split) for run in runs} == {("reflector", "position")}

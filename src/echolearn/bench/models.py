@@ -20,7 +20,7 @@ from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant, race
 from echolearn.storage import files, manifests
 from echolearn.storage.identity import digest
-from echolearn.training.runs import Run
+from echolearn.training.runs import Run, finished_runs
 from echolearn.training.train import load_scorer
 
 ROWS = 256
@@ -32,12 +32,12 @@ BRIEF = 0.5
 
 def finished(setting: Setting) -> list[Run]:
     """Return the finished runs; says so if there are none."""
-    folders = sorted(
-        path.parent for path in (setting.runs / "train").glob(f"*/{manifests.METRICS}")
-    )
-    if not folders:
+    runs = list(finished_runs(setting.runs))
+    if not runs:
         print(f"bench: no trained runs under {setting.runs / 'train'}", file=sys.stderr, flush=True)
-    return [Run(folder, manifests.verify(folder)) for folder in folders]
+    for run in runs:
+        manifests.verify(run.folder)
+    return runs
 
 
 def training(setting: Setting) -> Iterator[Measurement]:

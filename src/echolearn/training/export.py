@@ -31,7 +31,7 @@ from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.identity import KIND, plain
 from echolearn.storage.once import locked
 from echolearn.survey import audio
-from echolearn.training.runs import Run, answer_set, sheet_of
+from echolearn.training.runs import Run, answer_set, read_run, sheet_of
 
 LIBRARIES = ("numpy", "scipy", "onnxruntime", "torch", "scikit-learn")
 """Those whose versions a bundle tells."""
@@ -115,9 +115,9 @@ def open_run(folder: Path) -> Run:
     """Return a finished run, every file of it proved."""
     manifests.check_folder("run", folder, allowed="a folder that echolearn train wrote")
     folder = Path(folder).resolve()
-    manifest = manifests.verify(folder)
-    check("calibration" in manifest, "run", folder, allowed="a folder that echolearn train wrote")
-    return Run(folder, manifest)
+    made_by_train = (folder / manifests.METRICS).is_file()
+    check(made_by_train, "run", folder, allowed="a folder that echolearn train wrote")
+    return read_run(folder)
 
 
 def choose(comparison: Path) -> Run:

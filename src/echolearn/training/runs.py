@@ -2,7 +2,8 @@
 test set.
 """
 
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from echolearn.simulation.scene import noise_kind
 from echolearn.storage import manifests
 from echolearn.storage.identity import digest
 from echolearn.training.split import split
-from echolearn.training.train import load_scorer
+from echolearn.training.train import FORMAT, load_scorer
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,31 @@ class Run:
     def classifier(self) -> str:
         """Name of the classifier."""
         return str(self.metrics["name"])
+
+    @property
+    def method(self) -> str:
+        """Short name of the classifier's class: threshold, svm, trees, network."""
+        return str(self.metrics["method"])
+
+    @property
+    def role(self) -> str:
+        """Return "baseline" for a bare threshold, "learned" for everything else."""
+        return str(self.metrics["role"])
+
+    @property
+    def plan(self) -> str:
+        """Name of the set it was trained on."""
+        return str(self.metrics["plan"])
+
+    @property
+    def target(self) -> str:
+        """Label it learned: "reflector" (the paper's) or "on_map"."""
+        return str(self.metrics["target"])
+
+    @property
+    def split(self) -> str:
+        """What was never divided between training and test: "position", or the leaky "row"."""
+        return str(self.metrics["split"])
 
     @property
     def trained_on(self) -> str:
@@ -100,8 +126,45 @@ class Run:
         return np.asarray(load_scorer(self.folder)(x), dtype=float)
 
 
+def read_run(folder: Path) -> Run:
+    """Return a finished run, every file of it proved.
+
+    Raises:
+        BadValue: it is not finished or damaged, or another version of echolearn has made it.
+    """
+    run = Run(folder, manifests.verify(folder))
+    maker = other_maker(run)
+    check(not maker, "run", folder, allowed=f"made by {maker}: train it again")
+    return run
+
+
+def finished_runs(runs: Path) -> Iterator[Run]:
+    """Yield every finished run under `runs/train`, by name; their files are not yet proved.
+
+    What another version of echolearn has made is left out, with one line on stderr.
+    """
+    for metrics in sorted((runs / "train").glob(f"*/{manifests.METRICS}")):
+        run = Run(metrics.parent, manifests.load_manifest(metrics.parent))
+        maker = other_maker(run)
+        if maker:
+            said = f"run={run.folder}: made by {maker}, left out: train it again"
+            print(said, file=sys.stderr, flush=True)
+        else:
+            yield run
+
+
+def other_maker(run: Run) -> str:
+    """Return which version made a run of another format, or nothing if this one reads it."""
+    found = run.metrics.get("format")
+    if found == FORMAT:
+        return ""
+    return "echolearn 0.1" if found is None else f"another version of echolearn (format {found})"
+
+
 def load_runs(runs: Path) -> list[Run]:
     """Return every finished run under `runs/train` whose data are still there, by name.
+
+    A run of another version's format is left out, with one line on stderr.
 
     Raises:
         BadValue: one is damaged, or two differ in their settings, but not in classifier, set and
@@ -111,9 +174,7 @@ def load_runs(runs: Path) -> list[Run]:
         digest(manifests.load_manifest(path.parent)["files"])
         for path in (runs / "data").glob(f"*/{manifests.MANIFEST}")
     }
-    folders = sorted(path.parent for path in (runs / "train").glob("*/metrics.json"))
-    found = [Run(folder, manifests.load_manifest(folder)) for folder in folders]
-    known = [run for run in found if run.data_digest in present]
+    known = [run for run in finished_runs(runs) if run.data_digest in present]
     for run in known:
         manifests.verify(run.folder)
         twins = [other.identity for other in known if _title(other) == _title(run)]

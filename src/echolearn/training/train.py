@@ -32,12 +32,15 @@ from echolearn.classifiers.classifier import Classifier
 from echolearn.classifiers.inputs import Rows, as_input
 from echolearn.evaluation import metrics
 from echolearn.storage import files, manifests
-from echolearn.storage.identity import canonical, digest
+from echolearn.storage.identity import canonical, digest, kind_of
 from echolearn.storage.once import locked
 from echolearn.training.split import Parts, Task
 
-FORMAT = 3
+FORMAT = 4
 """Version of the run folder; part of every digest."""
+
+BASELINES = ("threshold",)
+"""Methods that learn a cut and nothing else."""
 
 
 def train(
@@ -140,7 +143,10 @@ def run(
         }
         result = {
             "run": folder.name,
+            "format": FORMAT,
             "name": identity["name"],
+            "method": kind_of(model),
+            "role": "baseline" if kind_of(model) in BASELINES else "learned",
             **task.identity(),
             **about,
             "inputs": list(model.inputs),
