@@ -15,7 +15,7 @@ CROSSED := [s*,t*]
 MAPPED := 8x6x5,13x11x5
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper tiny readme studies bench test test-release lint clean
+.PHONY: help venv paper tiny readme studies bench architecture test test-release lint clean
 
 help: ## show this page
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
