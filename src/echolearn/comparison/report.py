@@ -248,14 +248,15 @@ def machine() -> dict[str, str]:
 
 
 def show(folder: Path, *, readme: Path | None) -> None:
-    """Print the results table and the report's path; put the table into a README and the map beside
-    it.
+    """Print the results table and the report's path; put the table into a README and a map beside it.
+
+    The map is that of the lowest SNR, where filtering earns most.
     """
     table = (folder / "table.md").read_text()
     sys.stdout.write(table)
     print(f"\n{folder / 'report.html'}")
     if readme is not None:
         write_between(readme, table, RESULTS)
-        picture = folder / "figures" / "maps_first.svg"
-        if picture.is_file():
+        pictures = [folder / "figures" / f"maps_{which}.svg" for which in ("last", "first")]
+        for picture in [path for path in pictures if path.is_file()][:1]:
             write_atomic(Path(readme).parent / "docs" / "before_after.svg", picture.read_bytes())
