@@ -46,7 +46,7 @@ tiny: $(READY) ## the same path on small sets, for a first look
 
 readme: $(READY) ## run everything from nothing, in runs/fresh, and write the times and results into README.md
 	rm -rf runs/fresh
-	@for target in tiny paper; do \
+	@for target in tiny paper test; do \
 	  began=$$(date +%s); \
 	  $(MAKE) $$target RUNS=runs/fresh README=readme=README.md || exit 1; \
 	  spent=$$(($$(date +%s) - began)); \
