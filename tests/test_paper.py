@@ -17,7 +17,8 @@ import pytest
 from echolearn.acoustics.geometry import distance_to_outline, outline, true_echoes
 from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Room
 from echolearn.classifiers.methods.svm import Svm
-from echolearn.cli.config import build, compose
+from echolearn.cli.compose import compose
+from echolearn.cli.config import build
 from echolearn.dataset.plans import GridPlan, Plan
 from echolearn.evaluation import metrics, stats
 from echolearn.evaluation.coverage import attainable

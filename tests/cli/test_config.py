@@ -9,8 +9,10 @@ import pytest
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Room
-from echolearn.checks import BadValue
-from echolearn.cli.config import UsageError, build, compose, dotted, folder, plainly, suggest
+from echolearn.checks import BadValue, suggest
+from echolearn.cli.compose import compose, dotted
+from echolearn.cli.config import UsageError, build, folder
+from echolearn.cli.words import plain_config as plainly
 
 ROOM = {"_target_": "echolearn.acoustics.types.Room", "size": [5.0, 4.0, 3.0], "t60": 0.4}
 

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 import yaml
 
-from echolearn.cli.config import TARGET, build, compose, find, folder
+from echolearn.cli.compose import compose
+from echolearn.cli.config import TARGET, build, find, folder
 from echolearn.dataset.plans import GridPlan, Plan, ScatteredPlan
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.rotor import Rotor

@@ -27,7 +27,8 @@ from distributed import Client
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
-from echolearn.cli.config import build, compose, folder
+from echolearn.cli.compose import compose
+from echolearn.cli.config import build, folder
 from echolearn.cli.main import main
 from echolearn.dataset import generate as generation
 from echolearn.dataset.generate import _write, folder_of, generate

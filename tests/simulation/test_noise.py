@@ -11,7 +11,8 @@ import pytest
 
 from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.types import Array, Noise
-from echolearn.cli.config import build, compose, folder
+from echolearn.cli.compose import compose
+from echolearn.cli.config import build, folder
 from echolearn.simulation.noise.fixed import Fixed
 from echolearn.simulation.noise.white import White
 from echolearn.survey import audio

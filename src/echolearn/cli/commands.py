@@ -81,7 +81,7 @@ def open_set(folder: Path) -> "Dataset":
 
 def survey(config: Config) -> Path:
     """Simulate a robot's walk through a room and store its recordings."""
-    from echolearn.cli.config import build, without
+    from echolearn.cli.config import build
     from echolearn.simulation.levels import NoiseLevels
     from echolearn.simulation.survey import survey as walk
 
@@ -92,7 +92,7 @@ def survey(config: Config) -> Path:
 
 def compare(config: Config) -> None:
     """Compare every trained run on every test set and survey: tables, tests, figures, report."""
-    from echolearn.cli.config import build, without
+    from echolearn.cli.config import build
     from echolearn.comparison.compare import compare as judge
 
     readme = Path(config["readme"]) if config["readme"] else None
@@ -105,7 +105,7 @@ def compare(config: Config) -> None:
 
 def study(config: Config) -> None:
     """Measure every localizer's accuracy against SNR, reverberation, rotor noise or faults."""
-    from echolearn.cli.config import build, without
+    from echolearn.cli.config import build
     from echolearn.studies.page import check_page, publish
     from echolearn.studies.run import run_study
     from echolearn.studies.study import Study
@@ -131,7 +131,7 @@ def study(config: Config) -> None:
 def bench(config: Config) -> Path:
     """Time every stage beside its peers; write tables and figures."""
     from echolearn.bench.run import bench as measure
-    from echolearn.cli.config import build, without
+    from echolearn.cli.config import build
 
     given = build(without(config, "choice scene rir noise localizer window runs page scaling"))
     pages = {key: Path(config[key]) if config[key] else None for key in ("page", "scaling")}
@@ -142,7 +142,8 @@ def bench(config: Config) -> Path:
 
 def localizers(plan: str) -> dict[str, Any]:
     """Return every localizer that has a file, by its name, with the search window of a plan."""
-    from echolearn.cli.config import build, compose, folder
+    from echolearn.cli.compose import compose
+    from echolearn.cli.config import build, folder
 
     names = ",".join(sorted(path.stem for path in (folder() / "localizer").glob("*.yaml")))
     jobs = compose("generate", [f"plan={plan}", f"localizer={names}"], many=True)

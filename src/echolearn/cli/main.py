@@ -180,7 +180,8 @@ def composed(
         UsageError: a slip in an override, or a folder without a name, which would be the current
             one.
     """
-    from echolearn.cli.config import UsageError, compose
+    from echolearn.cli.compose import compose
+    from echolearn.cli.config import UsageError
     from echolearn.runtime.processes import meanwhile
 
     def work() -> list[tuple[str, Config]]:

@@ -1,52 +1,81 @@
-"""What the words of a command line stand for: texts, numbers, truth values, as Hydra's grammar has
-them.
+"""Words of a command line, typed by the key they set: never by guessing what they look like.
+
+    default of the key     what was typed is read as
+    text, or null          the same text; null is none where the default is null
+    true or false          true or false
+    a number               a number, whole where the default is whole
+
+So `name=2024_01_15`, `name=007` and `name=1e3` are names. With Hydra, keys whose default is null may
+also take numbers or lists; `TEXTS` are those that do not. Without Hydra, as on a robot, a command
+whose configuration is one file is read by `plain_config`, and every value by this table.
 """
 
-import re
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
-from echolearn.checks import check
+from echolearn.checks import check, suggest
+from echolearn.cli.config import Config, UsageError, folder
 
-TEXTS = "name runs survey bundle run best readme scaling page".split()
-"""Keys of names and paths, which are texts though they may look like numbers."""
-
-WORDS = {"": "", "null": None, "true": True, "false": False}
-"""Words of any case that Hydra takes for something else than text."""
-
-NUMBER = re.compile(
-    r"[+-]?((0|[1-9](_?\d)*)(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(inf|nan)", re.ASCII | re.IGNORECASE
-)
+TEXTS = frozenset("name runs survey bundle run best readme page scaling".split())
+"""Keys of names and paths, which take text even where their default is null."""
 
 
-def plain_value(word: str) -> Any:
-    """Return what Hydra takes a word for: YAML would read yes as true, 1e-1 as text, 010 as 8 and
-    12:30 as 750.
+def plain_config(command: str, words: Sequence[str]) -> Config:
+    """Return a command's configuration without Hydra: one file, and words `key=value`.
+
+    Raises:
+        UsageError: a command that is put together from several files, a key that does not exist, or
+            a value of another type than its default.
     """
     import yaml
 
-    word = word.strip()
-    if word.lower() in WORDS:
-        return WORDS[word.lower()]
-    if NUMBER.fullmatch(word):
-        return float(word) if {*".einEIN"} & {*word} else int(word)
-    return yaml.safe_load(word) if word[0] in "'\"[{" else word
+    defaults: Config = yaml.safe_load((folder() / f"{command}.yaml").read_text())
+    if "defaults" in defaults:
+        raise UsageError(f"{command}: needs more than a robot has; pip install 'echolearn[lab]'")
+    config = dict(defaults)
+    for word in words:
+        key, equal, _ = word.partition("=")
+        if not equal:
+            raise UsageError(f"{word}: cannot be read; it is no key=value")
+        if key not in defaults:
+            raise UsageError(f"{word}: there is no key {key}; {suggest(key, list(defaults))}")
+        config[key] = read_value(word, defaults[key])
+    return {**config, "choice": {}, "command": shlex.join(["echolearn", command, *words])}
 
 
-def texts(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a configuration whose names and paths are texts, whole numbers among them.
+def read_value(word: str, default: Any) -> Any:
+    """Return what `key=value` sets, typed by the key's default.
 
     Raises:
-        BadValue: a name or a path that is a list, say.
+        UsageError: a value of another type.
     """
-    named = {key: config[key] for key in TEXTS if config.get(key) is not None}
-    for key, value in named.items():
-        plain = isinstance(value, str) or type(value) is int
-        check(
-            plain,
-            key,
-            value,
-            allowed="a name" if key == "name" else "a path",
-            hint="quote it twice: \"'...'\"",
-        )
-    return {**config} | {key: str(value) for key, value in named.items()}
+    key, _, value = word.partition("=")
+    value = value.strip()
+    if value == "null":
+        if default is not None:
+            raise UsageError(f"{word}: {key} cannot be null")
+        return None
+    if isinstance(default, bool):
+        if value.lower() not in ("true", "false"):
+            raise UsageError(f"{word}: must be true or false")
+        return value.lower() == "true"
+    if isinstance(default, int | float):
+        with suppress(ValueError):
+            return int(value)
+        with suppress(ValueError):
+            return float(value)
+        raise UsageError(f"{word}: must be a number")
+    # Quotes around a text are not part of it, as with Hydra.
+    quoted = len(value) > 1 and value[0] == value[-1] and value[0] in "'\""
+    return value[1:-1] if quoted else value
+
+
+def check_texts(config: Mapping[str, Any]) -> None:
+    """Raise `BadValue` if a name or a path is a list, say."""
+    for key in TEXTS & config.keys():
+        value = config[key]
+        allowed = f"must be a {'name' if key == 'name' else 'path'}"
+        hint = "quote it twice: \"'...'\""
+        check(value is None or isinstance(value, str), key, value, allowed=allowed, hint=hint)

@@ -1,0 +1,231 @@
+"""From a command line to configurations: Hydra joins files, and values are set in copies of that.
+
+    words --expand--> the words of each job --join--> files, joined --set--> plain containers
+
+Hydra takes about 0.3 s to join the files of a command. It does so once for each combination of
+chosen files. Values, such as seeds, are then set in copies, for a tenth of the time, so that a
+sweep over hundreds of jobs begins within seconds. Everything is composed before the first job runs,
+so a slip in the last one stops them all.
+"""
+
+import copy
+import shlex
+from collections.abc import Iterator, Sequence
+from functools import cache
+from importlib.util import find_spec
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+from echolearn.checks import suggest
+from echolearn.cli.config import TARGET, Config, UsageError, folder
+from echolearn.cli.words import TEXTS, check_texts, plain_config
+
+if TYPE_CHECKING:
+    from hydra.core.override_parser.types import Override
+    from omegaconf import DictConfig
+
+OPTIONAL = ("diffuse", "localizer@localizers.")
+"""Beginnings of the groups of which nothing may be chosen, group=null."""
+
+
+def compose(
+    command: str, words: Sequence[str], *, many: bool = False, resolve: bool = True
+) -> list[tuple[str, Config]]:
+    """Return every job of a command line: what was swept, and its configuration.
+
+    A configuration is plain containers. Its key `choice` holds the option chosen in each group,
+    `command` the command line of this job alone.
+
+    Args:
+        command: names the primary configuration.
+        words: overrides in Hydra's grammar.
+        many: whether they may sweep.
+        resolve: replace interpolations by what they stand for.
+
+    Raises:
+        UsageError: an override that cannot be understood, or a key or an option that does not
+            exist.
+        BadValue: a name or a path that is no text.
+    """
+    if find_spec("hydra") is None:
+        return [("", plain_config(command, words))]
+    from hydra import initialize_config_dir
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    try:
+        with initialize_config_dir(version_base="1.3", config_dir=str(folder())):
+            return [
+                (swept, _configuration(command, job, resolve=resolve))
+                for swept, job in _expand(words, many=many)
+            ]
+    except (HydraException, OmegaConfBaseException) as error:
+        raise UsageError(str(error).split("\nSee http")[0]) from error
+
+
+def _expand(words: Sequence[str], *, many: bool) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield each combination of swept values: what is swept, and the words of this job."""
+    overrides = [_parse(word) for word in words]
+    for job in product(*[_spread(override, many=many) for override in overrides]):
+        pairs = zip(job, overrides, strict=True)
+        yield " ".join(word for word, override in pairs if override.is_sweep_override()), job
+
+
+@cache
+def _parse(word: str) -> "Override":
+    """Return an override; what Hydra cannot read is refused with the quotes that it needs."""
+    from hydra.core.global_hydra import GlobalHydra
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import OverrideParseException
+
+    parser = OverridesParser.create(GlobalHydra.instance().config_loader())
+    try:
+        return parser.parse_overrides([word])[0]
+    except OverrideParseException as error:
+        key, equal, value = word.partition("=")
+        if equal and str(error).startswith("Error parsing"):
+            # It is about a function, such as glob(...), and says what is wrong with it.
+            raise
+        hint = "are quotes or brackets missing?"
+        if not equal:
+            hint = "it is no key=value"
+        elif not {*value} & {*'[{"$`\\'}:
+            quoted = value.replace("'", "\\'")
+            hint = f"quote it twice: \"{key}='{quoted}'\""
+        raise UsageError(f"{word}: cannot be read; {hint}") from error
+
+
+def _spread(override: "Override", *, many: bool) -> list[str]:
+    """Return an override once for each of its values."""
+    word = override.input_line or ""
+    if not override.is_sweep_override():
+        return [word]
+    if not many:
+        hint = "or brackets if they are one list, key=[a,b]"
+        raise UsageError(f"{word}: several values need -m, {hint}")
+
+    key, _, typed = word.partition("=")
+    if {*typed} & {*"'\"[](){}"}:
+        values = list(override.sweep_string_iterator())
+    else:
+        # As they were typed: Hydra would make 7 of 007.
+        values = [value.strip() for value in typed.split(",")]
+    if not values:
+        options = ", ".join(_options(override.key_or_group))
+        raise UsageError(f"{word}: matches nothing" + (options and f"; known are {options}"))
+    return [f"{key}={value}" for value in values]
+
+
+@cache
+def _options(group: str) -> list[str]:
+    """Return the names of a group's files; none if there is no such group."""
+    from hydra.core.global_hydra import GlobalHydra
+
+    return GlobalHydra.instance().config_loader().get_group_options(group)
+
+
+def _configuration(command: str, job: Sequence[str], *, resolve: bool) -> Config:
+    """Return the configuration of one job: the files that its options choose, then its values."""
+    from omegaconf import OmegaConf
+
+    overrides = [_parse(word) for word in job]
+    choosing = [override for override in overrides if _chooses(override)]
+    config = copy.deepcopy(_join(command, *map(_choice, choosing)))
+    known = [key for key in dotted(OmegaConf.to_container(config)) if not key.startswith("choice")]
+    for override in overrides:
+        if override not in choosing:
+            _set(config, override, known)
+
+    plain: Any = OmegaConf.to_container(config, resolve=resolve, throw_on_missing=resolve)
+    check_texts(plain)
+    return {**plain, "command": shlex.join(["echolearn", command, *job])}
+
+
+def _chooses(override: "Override") -> bool:
+    """Tell whether an override chooses a file rather than setting a value.
+
+    Raises:
+        UsageError: an option that does not exist.
+    """
+    word = override.input_line
+    key = override.key_or_group
+    if key.replace("/", ".").partition(".")[0] == "hydra":
+        raise UsageError(f"{word}: hydra's own settings are fixed, but for its launcher's")
+    options = _options(key)
+    option = override.value()
+    if options and isinstance(option, str) and option not in options:
+        raise UsageError(f"{word}: {key} has no option {option}; {suggest(option, options)}")
+    group = _group(override)
+    if options and option is None and not group.startswith(OPTIONAL):
+        known = ", ".join(options)
+        raise UsageError(f"{word}: {group} cannot be left out; it must be one of {known}")
+    return bool(options)
+
+
+def _group(override: "Override") -> str:
+    """Return the group of an override, with its place if that is named: localizer@localizers.em."""
+    return "@".join(filter(None, (override.key_or_group, override.package)))
+
+
+def _choice(override: "Override") -> str:
+    """Return how Hydra says what an override chooses, which may be nothing."""
+    return f"~{_group(override)}" if override.value() is None else override.input_line or ""
+
+
+@cache
+def _join(command: str, *choices: str) -> "DictConfig":
+    """Let Hydra join a command's files; `choice` holds the name of each chosen file."""
+    from hydra import compose as join
+    from omegaconf import OmegaConf, open_dict
+
+    config = join(command, list(choices), return_hydra_config=True)
+    chosen = config.hydra.runtime.choices.items()
+    with open_dict(config):
+        del config["hydra"]
+        config.choice = {key: name for key, name in chosen if not key.startswith("hydra/")}
+        for choice in choices:
+            if choice.startswith("~") and "@" in choice:
+                # An experiment may have set keys of what is left out.
+                parent, _, name = choice.partition("@")[2].rpartition(".")
+                OmegaConf.select(config, parent).pop(name, None)
+    return config
+
+
+def _set(config: "DictConfig", override: "Override", known: Sequence[str]) -> None:
+    """Set one value.
+
+    Its key must exist, or belong to a call, which knows its own keys and refuses others.
+    """
+    from hydra.core.override_parser.types import OverrideType
+    from omegaconf import DictConfig, OmegaConf
+
+    key = override.key_or_group
+    word = override.input_line or ""
+    if key not in known and f"{key.rpartition('.')[0]}.{TARGET}" not in known:
+        raise UsageError(f"{word}: there is no key {key}; {suggest(key, known)}")
+
+    default = OmegaConf.select(config, key)
+    value = override.value()
+    needed = isinstance(default, str | DictConfig)
+    leaving = f"localizer@{key}=null"
+    advice = f"leave it out by {leaving}" if leaving[:-5] in config.choice else ""
+    if override.type == OverrideType.DEL:
+        advice = advice or (f"{key} cannot be null either" if needed else "set it to null")
+        raise UsageError(f"{word}: keys are set, not deleted; {advice}")
+    if value is None and needed:
+        raise UsageError("; ".join(filter(None, (f"{word}: {key} cannot be null", advice))))
+
+    # A name that looks like a number stays what was typed.
+    if isinstance(value, int | float) and (key in TEXTS or isinstance(default, str)):
+        value = word.partition("=")[2].strip()
+    OmegaConf.update(config, key, value, merge=True, force_add=True)
+
+
+def dotted(config: Any, name: str = "") -> Iterator[str]:
+    """Yield the dotted name of everything inside plain containers."""
+    if isinstance(config, list):
+        config = dict(enumerate(config))
+    if isinstance(config, dict):
+        for key, value in config.items():
+            yield f"{name}{key}"
+            yield from dotted(value, f"{name}{key}.")
