@@ -15,7 +15,6 @@ circle.
 """
 
 import warnings
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -32,6 +31,7 @@ from echolearn.checks import BadValue
 from echolearn.dataset.records import MAP_TOLERANCE
 from echolearn.localization.faults import DeafMicrophone
 from echolearn.localization.localizer import Localizer
+from echolearn.simulation.scene import Scene
 
 METRICS = ("toa", "doa", "doa_any", "on_map")
 TOLERANCE_SAMPLES = 5
@@ -60,28 +60,28 @@ def strongest_echo(
             if not may_refuse:
                 raise
             return np.full((len(observation.samples), 3), np.nan)
-    return np.stack([echoes.toa[:, 0], echoes.azimuth[:, 0], echoes.elevation[:, 0]], axis=1)
+    return np.stack([echoes.toa, echoes.azimuth, echoes.elevation], axis=-1)[:, 0]
 
 
 def drawn_by_chance(
-    observation: Observation, window: SearchWindow, *, rng: np.random.Generator
+    scene: Scene, window: SearchWindow, *, count: int, rng: np.random.Generator
 ) -> Array:
-    """Return estimates of the baseline `chance`, `DRAWS` for each recording, shape (B * DRAWS, 3).
+    """Return estimates of the baseline `chance`, shape (count, 3).
 
     Args:
-        observation: samples (B, M, N).
+        scene: its array and burst turn the window into times.
         window: that times are drawn from.
+        count: number of estimates.
         rng: draws them.
     """
-    rate = observation.probe.sample_rate
-    count = len(observation.samples) * DRAWS
-    first, last = window.lags(observation.array, rate, observation.speed_of_sound)
+    rate = scene.probe.sample_rate
+    first, last = window.lags(scene.array, rate, scene.speed_of_sound)
     toa = rng.uniform(first, last, count) / rate
     azimuth = rng.uniform(-np.pi, np.pi, count)
     return np.stack([toa, azimuth, np.full(count, np.pi / 2)], axis=1)
 
 
-def is_right(estimates: Array, *, room: Room, pose: Pose, observation: Observation) -> Array:
+def is_right(estimates: Array, *, room: Room, pose: Pose, scene: Scene) -> Array:
     """Tell which metrics estimates meet, given the walls around one pose.
 
     Args:
@@ -89,38 +89,31 @@ def is_right(estimates: Array, *, room: Room, pose: Pose, observation: Observati
         room: gives the walls; floor and ceiling count for TOA and direction, not as walls of the
             map.
         pose: where the robot stands.
-        observation: gives its array and the speed of sound.
+        scene: gives its array, sample rate and the speed of sound.
 
     Returns:
         Whether each metric of `METRICS` is met, shape (B, 4), as 0 and 1.
     """
-    array = observation.array
-    speed = observation.speed_of_sound
-    truth = true_echoes(room, pose, array, speed)
+    around = {"array": scene.array, "speed_of_sound": scene.speed_of_sound}
+    truth = true_echoes(room, pose, **around)
     toa, azimuth, elevation = estimates.T
-    late = np.abs(toa[:, None] - truth.toa) * observation.probe.sample_rate
+    late = np.abs(toa[:, None] - truth.toa) * scene.probe.sample_rate
 
     # A planar array cannot tell up from down: both are mirrored into the upper half.
-    estimated, reference = direction(azimuth, elevation), direction(truth.azimuth, truth.elevation)
-    if np.ptp(array.positions[:, 2]) == 0.0:
+    estimated = direction(azimuth, elevation)
+    reference = direction(truth.azimuth, truth.elevation)
+    if np.ptp(scene.array.positions[:, 2]) == 0.0:
         estimated[:, 2] = np.abs(estimated[:, 2])
         reference[:, 2] = np.abs(reference[:, 2])
     away = np.degrees(np.arccos(np.clip(estimated @ reference.T, -1.0, 1.0)))
 
     # Walls within the tolerance come before all others, and among them the direction decides.
-    matched = np.where(late < TOLERANCE_SAMPLES, away - 1000.0, late).argmin(axis=1)[:, None]
-    points = wall_points(
-        toa,
-        azimuth,
-        elevation,
-        position=pose.position,
-        heading=pose.heading,
-        array=array,
-        speed_of_sound=speed,
-    )
-    right: Sequence[Array] = (
-        np.take_along_axis(late, matched, axis=1)[:, 0] < TOLERANCE_SAMPLES,
-        np.take_along_axis(away, matched, axis=1)[:, 0] <= TOLERANCE_DEGREES,
+    matched = np.where(late < TOLERANCE_SAMPLES, away - 1000.0, late).argmin(axis=1)
+    trial = np.arange(len(estimates))
+    points = wall_points(*estimates.T, position=pose.position, heading=pose.heading, **around)
+    right = (
+        late[trial, matched] < TOLERANCE_SAMPLES,
+        away[trial, matched] <= TOLERANCE_DEGREES,
         (away <= TOLERANCE_DEGREES).any(axis=1),
         distance_to_outline(points, outline(room)) <= MAP_TOLERANCE,
     )

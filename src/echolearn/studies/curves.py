@@ -15,9 +15,6 @@ FORMAT = 5
 """Version of the files; part of a study's identity."""
 
 COLOURS = CYCLE[:-1]  # grey is chance's
-STROKES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
-"""Dashes of lines, as many as have no divisor in common with the colours: 28 lines differ."""
-
 Row = Mapping[str, Any]
 
 AXIS = {
@@ -83,13 +80,7 @@ def percent(name: str, vary: str, rows: Sequence[Row]) -> str:
             text.append(
                 " | ".join([f"| {localizer}", *(f"{100 * row['value']:.0f}" for row in own)]) + " |"
             )
-    reach = 100 * max(
-        max(row["value"] - row["ci_low"], row["ci_high"] - row["value"]) for row in rows
-    )
-    text += [
-        "",
-        f"95 % intervals (bootstrap over positions) reach at most {reach:.0f} points either way.",
-    ]
+    text += ["", "95 % intervals (bootstrap over positions) are in study.csv."]
     return "\n".join(text) + "\n"
 
 
@@ -116,42 +107,40 @@ def draw_metrics(vary: str, rows: Sequence[Row], metrics: Sequence[str]) -> str:
 
 
 def paint_metric(axis: Axes, vary: str, rows: Sequence[Row]) -> None:
-    """Draw one metric of every localizer; rows of chance come last."""
+    """Draw one metric of every localizer with its intervals; rows of chance come last."""
     values = distinct(rows, vary)
     x = range(len(values)) if vary == "fault" else values
     names = distinct(rows, "localizer")
+    # Shifted lines set no limits of the axis, so an invisible one does.
+    axis.plot(x, np.zeros(len(values)), linestyle="none")
     for number, name in enumerate(names):
         own = picked(rows, localizer=name)
-        value, low, high = (
-            np.array([row[key] for row in own]) for key in ("value", "ci_low", "ci_high")
-        )
-        if number == len(names) - 1:
-            style: Any = {"color": GREY, "linestyle": "--"}
-        else:
-            style = line_style(number)
-            # Equal shares stand side by side, a point (1/72 inch) apart.
-            aside = number - len(names) / 2 + 1
-            style["transform"] = offset_copy(axis.transData, axis.figure, x=aside, units="points")
-        if vary in SEPARATE and "marker" in style:
-            bars = np.abs([low - value, high - value])
-            axis.errorbar(x, value, yerr=bars, label=name, **style | {"linestyle": "none"})
-        else:
-            axis.plot(x, value, label=name, **style)
-            axis.fill_between(x, low, high, color=style["color"], alpha=0.08, linewidth=0)
+        shares = np.array([[row[key] for key in ("value", "ci_low", "ci_high")] for row in own])
+        bars = np.abs(shares[:, 1:] - shares[:, :1]).T
+        style = line_style(number) if number < len(names) - 1 else CHANCE_STYLE
+        if vary in SEPARATE:
+            style = style | {"linestyle": "none", "marker": style.get("marker", "_")}
+        # Equal shares stand side by side, a point (1/72 inch) apart.
+        aside = number - (len(names) - 1) / 2
+        place = offset_copy(axis.transData, axis.figure, x=aside, units="points")
+        axis.errorbar(x, shares[:, 0], yerr=bars, label=name, transform=place, **style)
     if vary == "pings":
         axis.set_xscale("log", base=2)
     if vary in ("pings", "fault"):
         axis.set_xticks(x, [str(value).replace("_", " ") for value in values])
 
 
+CHANCE_STYLE: dict[str, Any] = {"color": GREY, "linestyle": "--", "elinewidth": 0.7}
+
+
 def line_style(number: int) -> dict[str, Any]:
-    """Return colour, dashes and marker of a localizer's line."""
+    """Return the style of a localizer's line."""
     return {
         "color": COLOURS[number % len(COLOURS)],
-        "linestyle": STROKES[number % len(STROKES)],
         "marker": MARKERS[number % len(MARKERS)],
         "markerfacecolor": "none",
         # Shrinking sizes: where localizers find the same, each shows inside the one before.
         "markersize": 3.0 + 5.5 * 0.8**number,
         "linewidth": 1.0 + 1.8 * 0.7**number,
+        "elinewidth": 0.7,
     }

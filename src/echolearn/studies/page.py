@@ -10,7 +10,7 @@ from pathlib import Path
 
 from echolearn.storage import files, manifests
 from echolearn.storage.marked_page import Markers, around, write_between
-from echolearn.studies.curves import picked
+from echolearn.studies.curves import FIGURES, Row, distinct, picked
 
 STATEMENTS = {
     "paper_snr": (
@@ -72,14 +72,26 @@ def section(table: Path, *, vary: str, command: str) -> str:
     said = f"{rows[0]['n']} recordings at each value; all shares with their intervals: "
     said += f"[{table.name}]({table.parent.name}/{table.name})."
     text = [f"{said} `{command}`" if command else said]
-    for figure in sorted(table.parent.glob(f"{name}_*.svg"), reverse=True):
-        text.append(f"![{figure.stem}]({table.parent.name}/{figure.name})")
+    figures = [table.parent / f"{name}_{figure}.svg" for figure in FIGURES]
+    text += [
+        f"![{path.stem}]({table.parent.name}/{path.name})" for path in figures if path.exists()
+    ]
+    if len(distinct(rows, vary)) == 1:
+        # A single value makes no figure: its shares are few enough to be read.
+        own = picked(rows, metric="on_map")
+        shares = ", ".join(f"`{row['localizer']}` {in_percent(row)}" for row in own)
+        text.append(f"Map points on a wall, in %: {shares}.")
     lines = ["| the paper (V-B) | found, in % |", "|---|---|"]
     for statement, localizer, metric, values in STATEMENTS.get(name, ()):
-        for value in values:
-            for row in picked(rows, localizer=localizer, metric=metric, **{vary: value}):
-                percent = [f"{100 * float(row[key]):.3g}" for key in ("value", "ci_low", "ci_high")]
-                lines.append(
-                    f"| {statement} | at {value}: {percent[0]} [{percent[1]}, {percent[2]}] |"
-                )
+        own = picked(rows, localizer=localizer, metric=metric)
+        found = "; ".join(
+            f"at {row[vary]}: {in_percent(row)}" for row in own if row[vary] in values
+        )
+        lines.append(f"| {statement} | {found} |")
     return "\n\n".join(text + (["\n".join(lines)] if lines[2:] else []))
+
+
+def in_percent(row: Row) -> str:
+    """Return a share with its interval in per cent."""
+    value, low, high = (100 * float(row[key]) for key in ("value", "ci_low", "ci_high"))
+    return f"{value:.3g} [{low:.3g}, {high:.3g}]"

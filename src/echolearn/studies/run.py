@@ -27,7 +27,7 @@ from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.identity import canonical, digest, plain
 from echolearn.storage.once import once
 from echolearn.studies import curves
-from echolearn.studies.accuracy import METRICS, drawn_by_chance, is_right, strongest_echo
+from echolearn.studies.accuracy import DRAWS, METRICS, drawn_by_chance, is_right, strongest_echo
 from echolearn.studies.recordings import Condition, Position, record
 from echolearn.studies.study import CHANCE, Study
 
@@ -168,18 +168,17 @@ def evaluate_position(
         Shape (B, localizers + 1, 4); of chance the share of its draws.
     """
     observation = record(position, condition, trials=trials.tolist(), seed=study.seed)
-
-    def right(estimates: Array) -> Array:
-        return is_right(estimates, room=condition.room, pose=position.pose, observation=observation)
-
-    found = []
-    for localizer in study.localizers.values():
-        may_refuse = condition.fault.dead > 0
-        found.append(right(strongest_echo(localizer, observation, may_refuse=may_refuse)))
+    may_refuse = condition.fault.dead > 0
+    estimates = [
+        strongest_echo(localizer, observation, may_refuse=may_refuse)
+        for localizer in study.localizers.values()
+    ]
     rng = stream(study.seed, "guess", position.number)
-    draws = right(drawn_by_chance(observation, study.window, rng=rng))
-    found.append(draws.reshape(len(trials), -1, len(METRICS)).mean(axis=1))
-    return np.stack(found, axis=1)
+    count = len(trials) * DRAWS
+    estimates.append(drawn_by_chance(position.scene, study.window, count=count, rng=rng))
+    around = {"room": condition.room, "pose": position.pose, "scene": position.scene}
+    right = [is_right(each, **around).reshape(len(trials), -1, len(METRICS)) for each in estimates]
+    return np.stack([each.mean(axis=1) for each in right], axis=1)
 
 
 def accuracy_rows(study: Study, folder: Path, *, resamples: int) -> list[curves.Row]:

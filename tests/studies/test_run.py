@@ -1,0 +1,198 @@
+"""A study from end to end: what it finds, its resumption, other studies of its name; its page."""
+
+import csv
+import os
+import re
+import shutil
+import time
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from echolearn.checks import BadValue
+from echolearn.cli.main import main
+from echolearn.localization.methods.joint import Joint
+from echolearn.storage import manifests
+from echolearn.storage.identity import plain
+from echolearn.studies import page as pages
+from echolearn.studies.run import run_study
+
+PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
+
+
+@pytest.fixture
+def brief(small):
+    """Return a study of one level and few recordings."""
+    return replace(small, values=[10.0], positions=2, trials=4)
+
+
+def content(folder):
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def test_estimators_are_perfect_in_quiet_and_guess_in_noise(folder):
+    with (folder / "study.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * 3 * 4
+    shares = {
+        (row["localizer"], row["snr_db"], row["metric"]): [
+            float(row[key]) for key in ("value", "ci_low", "ci_high")
+        ]
+        for row in rows
+    }
+    for localizer in ("gated", "joint"):
+        value, low, high = shares[localizer, "10.0", "on_map"]
+        assert value == high == 1.0
+        assert 0.7 < low < 0.8  # Wilson's for 12 of 12
+        assert shares[localizer, "-30.0", "toa"][0] < 0.7
+    value, low, high = shares["chance", "10.0", "toa"]
+    assert shares["chance", "-30.0", "toa"] == [value, low, high]
+    assert 0.03 < low < value < high < 0.3
+
+
+def test_the_folder_is_whole_with_table_and_figures(folder):
+    assert manifests.verify(folder)["kind"] == "study"
+    assert {"study.csv", "study.md", "figures/toa_doa.svg", "figures/map.svg"} <= {*content(folder)}
+    assert "| joint | " in (folder / "study.md").read_text()
+
+
+def test_an_interrupted_study_goes_on_and_ends_the_same(small, folder, tmp_path):
+    command = manifests.load_manifest(folder)["command"]
+    given = {"name": "small", "runs": tmp_path, "resamples": 50, "command": command}
+    again = run_study(small, workers=2, **given)
+    assert content(again) == content(folder)
+    kept, lost = sorted(again.glob("estimates-*/*.npy"))
+    before = kept.stat().st_mtime_ns
+    (again / manifests.MANIFEST).unlink()
+    lost.unlink()
+    run_study(small, **given)
+    assert content(again) == content(folder)
+    assert kept.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("left", ["finished", "damaged", "no manifest", "no estimates"])
+def test_another_study_of_that_name_is_refused(brief, tmp_path, left):
+    folder = run_study(brief, name="small", runs=tmp_path, resamples=20)
+    if left == "damaged":
+        (folder / "study.csv").write_bytes(b"half")
+    if left == "no manifest":
+        (folder / manifests.MANIFEST).unlink()
+    if left == "no estimates":
+        shutil.rmtree(next(folder.glob("estimates-*")))
+    before = content(folder)
+    for change in ({"values": [20.0]}, {"trials": 5}, {"localizers": {"joint": Joint()}}):
+        with pytest.raises(BadValue, match="^name=small: must be a new name, or that of a .* same"):
+            run_study(replace(brief, **change), name="small", runs=tmp_path, resamples=20)
+    assert content(folder) == before
+    run_study(brief, name="small", runs=tmp_path, resamples=20)
+    assert manifests.verify(folder)["study"] == plain(brief)
+
+
+def test_a_study_of_version_0_1_is_told_and_stays(brief, tmp_path):
+    """It named classes by their modules, so the digest of the same study was another."""
+    folder = tmp_path / "study" / "old"
+    (folder / "estimates-b933a90b83e6").mkdir(parents=True)
+    (folder / "study.csv").write_text("old")
+    with pytest.raises(BadValue, match="other settings or is of an earlier version; remove it"):
+        run_study(brief, name="old", runs=tmp_path)
+    assert (folder / "study.csv").read_text() == "old"
+
+
+def test_other_intervals_and_an_older_format_are_made_from_the_same_estimates(brief, tmp_path):
+    folder = run_study(brief, name="small", runs=tmp_path, resamples=20)
+    [estimates] = folder.glob("estimates-*/*.npy")
+    whole, before = content(folder), estimates.stat().st_mtime_ns
+    about = manifests.verify(folder) | {"format": 0}
+    (folder / "study.md").write_text("as it was")
+    manifests.finish(folder, about, ["study.csv", "study.md"])
+    run_study(brief, name="small", runs=tmp_path, resamples=20)
+    assert content(folder) == whole
+    run_study(brief, name="small", runs=tmp_path, resamples=30)
+    assert manifests.verify(folder)["resamples"] == 30
+    assert estimates.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_of_two_at_once_the_second_finds_it_finished_or_is_refused(small, tmp_path, seed):
+    one = replace(small, values=[0.0, 10.0])
+    child = os.fork()
+    if child == 0:
+        run_study(one, name="small", runs=tmp_path, resamples=20)
+        os._exit(0)
+    while not (tmp_path / "study" / "small").exists():  # made under the lock
+        time.sleep(0.001)
+    refused = pytest.raises(BadValue, match="^name=small: must be a new name")
+    with refused if seed else nullcontext():
+        run_study(replace(one, seed=seed), name="small", runs=tmp_path, resamples=20)
+    assert os.waitpid(child, 0)[1] == 0
+    assert manifests.verify(tmp_path / "study" / "small")["study"] == plain(one)
+
+
+def bare_page(tmp_path, name):
+    begin, end, _ = pages.markers(name)
+    page = tmp_path / "mine.md"
+    page.write_text(f"# Mine\n\nBefore.\n\n{begin}\nold\n{end}\n\nAfter.\n")
+    return page
+
+
+def test_a_page_gets_figures_and_table_and_keeps_the_rest(folder, tmp_path):
+    page = bare_page(tmp_path, "small")
+    pages.publish(folder, page)
+    text = page.read_text()
+    assert text.startswith("# Mine\n\nBefore.\n\n<!-- study small")
+    assert text.endswith("-->\n\nAfter.\n")
+    assert "\nold\n" not in text
+    assert "12 recordings at each value" in text
+    assert "`echolearn study name=small`" in text  # the folder of this machine is nobody's business
+    for name in ("study.csv", "figures/toa_doa.svg", "figures/map.svg"):
+        copied = "small" + name.removeprefix("study").replace("figures/", "_")
+        assert (tmp_path / "mine" / copied).read_bytes() == (folder / name).read_bytes()
+        assert f"(mine/{copied})" in text
+    pages.publish(folder, page)
+    assert page.read_text() == text
+
+
+def test_what_the_paper_says_stands_beside_what_was_found(tmp_path):
+    shutil.copy(PAGE.parent / "studies" / "paper_snr.csv", tmp_path)
+    said = pages.section(tmp_path / "paper_snr.csv", vary="snr_db", command="")
+    assert (
+        "| the TOA of S-NLS is right in around 80 % at -10 dB | at -10: 79.5 [72.5, 85.5] |" in said
+    )
+    assert said.rstrip("|").count("; at") == 2
+
+
+def test_a_study_of_one_value_has_shares_instead_of_figures(brief, tmp_path):
+    folder = run_study(brief, name="single", runs=tmp_path / "runs", resamples=20)
+    page = bare_page(tmp_path, "single")
+    pages.publish(folder, page)
+    assert "`gated` 100 [51, 100], `joint` 100 [51, 100], `chance` " in page.read_text()
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["single.csv"]
+
+
+def test_a_damaged_study_is_not_published(folder, tmp_path):
+    broken = tmp_path / "small"
+    shutil.copytree(folder, broken)
+    (broken / "study.md").write_bytes(b"half")
+    page = bare_page(tmp_path, "small")
+    before = page.read_bytes()
+    with pytest.raises(BadValue, match=r"study\.md"):
+        pages.publish(broken, page)
+    assert page.read_bytes() == before
+
+
+def test_a_page_without_its_markers_stops_a_study_before_it_begins(tmp_path, capsys):
+    page = bare_page(tmp_path, "another")
+    words = ["study", "experiment=faults", f"page={page}", f"runs={tmp_path / 'runs'}"]
+    assert main(words) == 1
+    assert "<!-- study faults: written by `echolearn study` -->" in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_the_projects_figures_and_tables_are_small_and_all_used():
+    linked = re.findall(r"\]\((studies/.+?)\)", PAGE.read_text())
+    there = list((PAGE.parent / "studies").iterdir())
+    assert {*linked} == {f"studies/{path.name}" for path in there}
+    assert max(path.stat().st_size for path in there) < 200_000
