@@ -41,9 +41,9 @@ def test_directions_name_the_axes_ahead_left_and_up() -> None:
 def test_delays_are_the_closed_form_of_the_ring(azimuth: float, elevation: float) -> None:
     expected = equations.delays(RING.positions, azimuth, elevation)
     assert np.allclose(
-        geometry.far_field_delays(RING, azimuth, elevation, 343.0), expected, atol=1e-15
+        geometry.far_field_delays(RING, geometry.direction(azimuth, elevation), speed_of_sound=343.0), expected, atol=1e-15
     )
-    relative = geometry.relative_delays(RING, azimuth, elevation, 343.0)
+    relative = geometry.relative_delays(RING, geometry.direction(azimuth, elevation), speed_of_sound=343.0)
     assert relative[0] == 0.0
     assert np.allclose(relative, expected - expected[0], atol=1e-15)
 

@@ -308,7 +308,7 @@ def test_a_localizer_that_whitens_is_handed_the_noise_of_each_row(
         hovering, snr_db=(40.0, 40.0), sdnr_db=(-26.0, -20.0), localizer=Joint(SearchWindow(), 36)
     )
     found = records(replace(loud, localizer=Joint(SearchWindow(), 36, whiten=whiten)), range(6))
-    lags = SearchWindow().lags(loud.scene.array, 22050.0, 343.0)
+    lags = SearchWindow().lags(loud.scene.array, 22050.0)
     within = (
         (found["truth_toa"] * 22050 >= lags[0]) & (found["truth_toa"] * 22050 <= lags[1])
     ).any(axis=1)
@@ -506,7 +506,7 @@ def test_another_plan_is_another_folder(plan: GridPlan, tmp_path: Path) -> None:
 def test_reading_gives_every_row_of_every_shard(finished: Path, plan: GridPlan) -> None:
     table = Dataset(finished)
     assert (table.name, len(table)) == ("few", 18)
-    assert table["covariance"].shape == (18, features.BANDS, 36)
+    assert table["covariance"].shape == (18, features.COVARIANCE_BANDS, 36)
     assert table["group"].tolist() == [row // 3 for row in range(18)]
     assert np.array_equal(table["toa"][4:8], records(plan, range(4, 8))["toa"])
     assert np.array_equal(table["position"], np.repeat(plan.positions, 3, axis=0))

@@ -13,7 +13,7 @@ from echolearn.localization.localize import localize
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
-from echolearn.localization.separation import apart
+from echolearn.localization.separation import separate
 
 RING = circular_array()
 PROBE = noise_probe(length=3000)
@@ -50,7 +50,7 @@ PAIRS = {
 @pytest.mark.parametrize("pair", PAIRS.values(), ids=list(PAIRS))
 def test_each_echo_is_what_it_would_be_alone(pair: tuple[tuple[float, float, float], ...]) -> None:
     together = seen(sum((wave(*one) for one in pair), start=np.zeros((6, PROBE.length))))
-    for found, one in zip(apart(together, told(*pair)), pair, strict=True):
+    for found, one in zip(separate(together, told(*pair)), pair, strict=True):
         alone = seen(wave(*one))
         left = np.linalg.norm(found.padded - alone.padded) / np.linalg.norm(alone.padded)
         assert left < 0.02
@@ -59,14 +59,14 @@ def test_each_echo_is_what_it_would_be_alone(pair: tuple[tuple[float, float, flo
 
 def test_a_single_echo_is_the_recording_itself() -> None:
     matched = seen(wave(0.4, 180.0, 0.1))
-    assert apart(matched, told((0.4, 180.0, 0.1))) == [matched]
+    assert separate(matched, told((0.4, 180.0, 0.1))) == [matched]
 
 
 def test_gains_are_not_taken_on_trust() -> None:
     first, second = PAIRS["far apart"]
     together = seen(wave(*first) + wave(*second))
     right, wrong = (
-        apart(together, told(first, (*second[:2], gain)))[0] for gain in (second[2], 9.0)
+        separate(together, told(first, (*second[:2], gain)))[0] for gain in (second[2], 9.0)
     )
     assert np.allclose(right.padded, wrong.padded)
 
@@ -75,7 +75,7 @@ def test_a_wrong_direction_takes_little_from_the_others() -> None:
     """At microphone 1 the echo is where it is said to be, at the others it is not."""
     first, second = PAIRS["far apart"]
     together, alone = seen(wave(*first) + wave(*second)), seen(wave(*first))
-    found, _ = apart(together, told(first, (second[0] + 2.0, *second[1:])))
+    found, _ = separate(together, told(first, (second[0] + 2.0, *second[1:])))
     index = together.index(np.array([first[1] / RATE]))[0]
     near = slice(index - 30 + 64, index + 30 + 64)
     error = np.linalg.norm((found.padded - alone.padded)[..., near], axis=-1) / np.linalg.norm(
@@ -87,7 +87,7 @@ def test_a_wrong_direction_takes_little_from_the_others() -> None:
 def test_an_echo_that_is_named_twice_is_shared() -> None:
     one = (0.4, 180.3, 0.1)
     matched = seen(wave(*one))
-    both = apart(matched, told(one, one))
+    both = separate(matched, told(one, one))
     for found in both:
         assert np.allclose(found.padded, matched.padded / 2, atol=0.01 * matched.padded.max())
 

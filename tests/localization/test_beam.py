@@ -79,7 +79,7 @@ def test_packing_holds_the_quadratic_form(size: int, seed: int) -> None:
         hermitian(rng, size=size),
         rng.standard_normal(size) + 1j * rng.standard_normal(size),
     )
-    packed = beamforming.pack(matrix)
+    packed = beamforming.pack_hermitian(matrix)
     assert packed.shape == (size * size,)
     assert packed @ beamforming.pack_steering(vector) == pytest.approx(
         (vector.conj() @ matrix @ vector).real
@@ -88,7 +88,7 @@ def test_packing_holds_the_quadratic_form(size: int, seed: int) -> None:
 
 def test_a_packed_matrix_by_hand() -> None:
     matrix = np.array([[1, 2 + 3j, 4], [2 - 3j, 5, 6j], [4, -6j, 7]])
-    assert np.array_equal(beamforming.pack(matrix), [1, 5, 7, 2, 4, 0, 3, 0, 6])
+    assert np.array_equal(beamforming.pack_hermitian(matrix), [1, 5, 7, 2, 4, 0, 3, 0, 6])
 
 
 def test_quadratic_forms_of_a_block_are_those_of_a_loop() -> None:
@@ -206,7 +206,7 @@ def test_mpdr_power_is_the_papers_loop() -> None:
 
 def test_advancing_by_whole_samples_reads_ahead() -> None:
     correlation = np.random.default_rng(7).standard_normal((2, 3, 50))
-    found = beamforming.advance(correlation, np.array([[0.0, 4.0, -3.0]]))
+    found = correlations.advance(correlation, np.array([[0.0, 4.0, -3.0]]))
     assert found.shape == (2, 1, 3, 50)
     assert np.allclose(found[:, 0, 0], correlation[:, 0])
     assert np.allclose(found[:, 0, 1], np.roll(correlation[:, 1], -4, axis=-1))
@@ -216,7 +216,7 @@ def test_advancing_by_whole_samples_reads_ahead() -> None:
 def test_advancing_by_fractions_is_band_limited() -> None:
     lags = np.arange(200)
     pulse = np.exp(-0.5 * ((lags - 100) / 3) ** 2)
-    found = beamforming.advance(pulse[None], np.array([[2.37]]))[0, 0]
+    found = correlations.advance(pulse[None], np.array([[2.37]]))[0, 0]
     assert np.allclose(found, np.exp(-0.5 * ((lags + 2.37 - 100) / 3) ** 2), atol=1e-6)
 
 
@@ -226,10 +226,10 @@ def test_the_steered_response_is_the_sum_of_literal_fractional_delays() -> None:
     probe = signals.noise_probe(length=6000)
     source = equations.shift(equations.padded(probe.samples, 6000), 180)
     recording = reference.plane_wave(source, RING.positions, 0.9, rate=22050.0)
-    first, last = 116 - beamforming.PAD, 244 + beamforming.PAD
+    first, last = 116 - correlations.PAD, 244 + correlations.PAD
     correlation = signals.matched_filter(recording[None], probe, first=first, last=last)
     angles = np.array([-2.0, 0.0, 0.9, 2.4])
-    found = beamforming.steered_response(
+    found = correlations.steered_response(
         correlation, RING, angles, np.full(4, np.pi / 2), scale=22050.0 / 343.0
     )
     assert found.shape == (1, 4, last - first + 1)
@@ -237,7 +237,7 @@ def test_the_steered_response_is_the_sum_of_literal_fractional_delays() -> None:
         expected = equations.steered(recording, probe.samples, RING.positions, angle, rate=22050.0)[
             first : last + 1
         ]
-        inside = slice(beamforming.PAD, -beamforming.PAD)
+        inside = slice(correlations.PAD, -correlations.PAD)
         assert np.abs(row - expected)[inside].max() < 0.01 * 6 * probe.samples @ probe.samples
 
 
@@ -247,7 +247,7 @@ def test_steering_at_a_plane_wave_adds_all_microphones_up() -> None:
     source = equations.shift(equations.padded(probe.samples, 6000), 180)
     recording = reference.plane_wave(source, RING.positions, 0.0, rate=22050.0)
     correlation = signals.matched_filter(recording[None], probe, first=52, last=308)
-    response = beamforming.steered_response(
+    response = correlations.steered_response(
         correlation, RING, GRID, np.full(60, np.pi / 2), scale=22050.0 / 343.0
     )[0]
     angle, lag = np.unravel_index(response.argmax(), response.shape)

@@ -88,7 +88,7 @@ def test_single_precision_is_harmless_to_the_steered_response() -> None:
     ) * 22050.0
     phase = np.exp(2j * np.pi * np.fft.rfftfreq(size) * eta[:, None])
     exact = fft.irfft(fft.rfft(matched.padded) * phase, size).sum(axis=1)[
-        :, beamforming.PAD : -beamforming.PAD
+        :, correlations.PAD : -correlations.PAD
     ]
     assert matched.steered.dtype == np.float32
     assert np.abs(matched.steered[:, 5] - exact).max() < 1e-5 * np.abs(exact).max()

@@ -184,8 +184,8 @@ def test_a_microphone_that_does_not_hear_is_told_and_left_out(
     samples = np.concatenate([heard(), heard(-2.0)])
     level = 1e-4 * np.random.default_rng(5).standard_normal(6000)
     samples[0, microphone - 1] = {"silent": 0.0, "stuck": 0.7, "faint": level}[fault]
-    message = f"microphone {microphone} hears nothing in 1 of 2 observations and is left out there"
-    with pytest.warns(faults.DeafMicrophone, match=message):
+    message = f"microphone {microphone} is silent in 1 of 2 observations and is left out there"
+    with pytest.warns(faults.SilentMicrophone, match=message):
         echoes = localizer(Observation(samples, PROBE, RING))
     assert np.allclose(echoes.toa[:, 0] * 22050.0, 180, atol=0.51)
     assert np.allclose(echoes.azimuth[:, 0], [0.5, -2.0], atol=np.radians(4))
@@ -197,7 +197,7 @@ def test_a_microphone_that_does_not_hear_is_told_and_left_out(
 def test_whitening_does_not_wake_a_deaf_microphone(kind: type, fault: float) -> None:
     samples = heard()
     samples[0, 3] = fault
-    with pytest.warns(faults.DeafMicrophone, match="microphone 4 hears nothing"):
+    with pytest.warns(faults.SilentMicrophone, match="microphone 4 is silent"):
         echoes = kind(whiten=True)(
             Observation(samples, PROBE, RING, noise_psd=np.linspace(1, 2, 65))
         )
@@ -230,7 +230,7 @@ def test_sound_recordings_are_not_complained_of(localizer: Localizer) -> None:
 
 
 def test_a_silent_recording_has_no_deaf_microphone() -> None:
-    assert not faults.deaf(np.zeros((1, 6, 100))).any()
+    assert not faults.silent_microphones(np.zeros((1, 6, 100))).any()
 
 
 def test_weights_are_one_over_the_noise_but_not_for_the_faintest() -> None:
@@ -238,10 +238,10 @@ def test_weights_are_one_over_the_noise_but_not_for_the_faintest() -> None:
     levels = np.array([1.0, 1.0, 1.0, 3.0, 0.1, 0.0])
     observation = Observation(levels[:, None] * rng.standard_normal((1, 6, 20_000)), PROBE, RING)
     silent = np.array([[False] * 5 + [True]])
-    found = faults.noise_weights(observation, silent)[0]
-    assert np.allclose(found, [1, 1, 1, 1 / 9, faults.BOLD, 0], rtol=0.1)
+    found = whitening.noise_weights(observation, silent)[0]
+    assert np.allclose(found, [1, 1, 1, 1 / 9, whitening.LARGEST_WEIGHT, 0], rtol=0.1)
     told = replace(observation, noise_psd=levels[:, None] ** 2 * np.ones(9))
-    assert np.allclose(faults.noise_weights(told, silent)[0], [1, 1, 1, 1 / 9, faults.BOLD, 0])
+    assert np.allclose(whitening.noise_weights(told, silent)[0], [1, 1, 1, 1 / 9, whitening.LARGEST_WEIGHT, 0])
 
 
 def test_a_single_microphone_has_times_but_no_direction() -> None:

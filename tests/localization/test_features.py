@@ -12,7 +12,7 @@ from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.bench import equations
 from echolearn.checks import BadValue
 from echolearn.localization import beamforming, features
-from echolearn.localization.faults import DeafMicrophone
+from echolearn.localization.faults import SilentMicrophone
 from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.gated import Gated
@@ -69,7 +69,7 @@ def test_every_column_and_tensor_is_there_and_no_other() -> None:
         assert columns[name].shape == (2,)
         assert columns[name].dtype == np.float64
     for name in features.TENSORS:
-        assert columns[name].shape == (2, features.BANDS, 36)
+        assert columns[name].shape == (2, features.COVARIANCE_BANDS, 36)
         assert columns[name].dtype == np.float32
 
 
@@ -203,8 +203,8 @@ def test_an_echo_looks_like_one_and_noise_does_not() -> None:
 
 def literal_tensor(spectra: Array) -> Array:
     """Return the packed band averages of spectra (M, F, T) by loops, shape (BANDS, 36)."""
-    bins, tensor = (spectra.shape[1] - 1) // features.BANDS, []
-    for band in range(features.BANDS):
+    bins, tensor = (spectra.shape[1] - 1) // features.COVARIANCE_BANDS, []
+    for band in range(features.COVARIANCE_BANDS):
         total = np.zeros((6, 6), dtype=complex)
         for bin_ in range(1 + band * bins, 1 + (band + 1) * bins):
             for frame in spectra[:, bin_].T:
@@ -271,7 +271,7 @@ def test_a_dead_microphone_has_finite_columns() -> None:
     for dead, localizer in ((0, Joint(azimuths=AZIMUTHS)), (3, None)):
         sound = recordings(0.9, noise=0.1)
         sound[dead] = 0.0
-        with pytest.warns(DeafMicrophone):
+        with pytest.warns(SilentMicrophone):
             columns, _, _ = described(sound, localizer=localizer)
         assert all(np.isfinite(column).all() for column in columns.values())
 

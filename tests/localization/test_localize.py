@@ -352,8 +352,8 @@ def test_a_window_near_the_emission_is_padded_with_silence() -> None:
     """First lag 13: the lags before the emission cannot be heard and count as zero."""
     heard = observation(echo_from(0.3, lag=40))
     matched = MatchedFilter(heard, SearchWindow(nearest=0.2, farthest=1.0))
-    assert matched.padded.shape[-1] == matched.last - matched.first + 1 + 2 * beamforming.PAD
-    assert (matched.padded[..., : beamforming.PAD - matched.first] == 0).all()
+    assert matched.padded.shape[-1] == matched.last - matched.first + 1 + 2 * correlations.PAD
+    assert (matched.padded[..., : correlations.PAD - matched.first] == 0).all()
     assert matched.toa(matched.strongest)[0] * 22050.0 == pytest.approx(40)
 
 

@@ -62,7 +62,7 @@ ON_GRID = [mixed((GRID[14], 180, 0.1), (GRID[3], 215, 0.07), noise=n, seed=3) fo
 @pytest.mark.parametrize("count", [2, 3])
 def test_relax_is_its_loop(count: int) -> None:
     matched = MatchedFilter(observation(*ON_GRID), WINDOW)
-    peaks = several(matched, reference_search(matched, refine=False), echoes=count)
+    peaks = strongest_peaks(matched, reference_search(matched, refine=False), echoes=count)
     for row, y in enumerate(ON_GRID):
         expected = equations.relax(y[0], PROBE.samples, first=FIRST, last=LAST, echoes=count)
         found = sorted(
@@ -173,7 +173,7 @@ def test_peaks_apart_by_hand() -> None:
 
 def test_summits_by_hand_on_a_circle() -> None:
     power = np.array([[5.0, 1.0, 3.0, 2.0, 4.0], [1.0, 2.0, 3.0, 2.0, 1.5]])
-    assert beamforming.summits(power, 2).tolist() == [[0, 2], [2, 2]]
+    assert estimates.summits(power, 2).tolist() == [[0, 2], [2, 2]]
 
 
 # ---------------------------------------------------------------- a corner of a room

@@ -161,7 +161,7 @@ def under_rotors(
 def test_the_rotors_are_as_deep_as_those_of_the_recordings() -> None:
     psd, frequencies = (
         signals.noise_psd(rotor(60_000, seed=0)),
-        np.fft.rfftfreq(signals.FRAME, 1 / 22050.0),
+        np.fft.rfftfreq(signals.STFT_FRAME, 1 / 22050.0),
     )
     assert psd[:, frequencies < 463].sum() / psd.sum() == pytest.approx(0.9, abs=0.02)
 

@@ -56,28 +56,26 @@ def direction(azimuth: Array | float, elevation: Array | float) -> Array:
     )
 
 
-def far_field_delays(
-    array: MicArray, azimuth: Array | float, elevation: Array | float, speed_of_sound: float
-) -> Array:
-    """Return the delays of a plane wave from the given directions, relative to the loudspeaker's
-    place.
+def far_field_delays(array: MicArray, toward: Array, *, speed_of_sound: float) -> Array:
+    """Return the delays of plane waves relative to the loudspeaker's place, shape (..., M), in s.
 
     Args:
         array: M microphones.
-        azimuth, elevation: directions of arrival, broadcast to shape (...), in rad.
+        toward: unit vectors of the directions of arrival, shape (..., 3).
         speed_of_sound: in m/s.
-
-    Returns:
-        Delays in s, shape (..., M).
     """
-    return -(direction(azimuth, elevation) @ array.positions.T) / speed_of_sound
+    return -(toward @ array.positions.T) / speed_of_sound
 
 
-def relative_delays(
-    array: MicArray, azimuth: Array | float, elevation: Array | float, speed_of_sound: float
-) -> Array:
-    """Return eta_m (Eq. 3): far-field delays relative to microphone 1, shape (..., M), in s."""
-    delays = far_field_delays(array, azimuth, elevation, speed_of_sound)
+def relative_delays(array: MicArray, toward: Array, *, speed_of_sound: float) -> Array:
+    """Return eta_m (Eq. 3): far-field delays relative to microphone 1, shape (..., M), in s.
+
+    Args:
+        array: M microphones.
+        toward: unit vectors of the directions of arrival, shape (..., 3).
+        speed_of_sound: in m/s.
+    """
+    delays = far_field_delays(array, toward, speed_of_sound=speed_of_sound)
     return delays - delays[..., :1]
 
 
@@ -230,7 +228,7 @@ class SearchWindow:
         )
 
     def lags(
-        self, array: MicArray, sample_rate: float, speed_of_sound: float = SPEED_OF_SOUND
+        self, array: MicArray, sample_rate: float, *, speed_of_sound: float = SPEED_OF_SOUND
     ) -> tuple[int, int]:
         """Return the first and last lag of the window, both inclusive, in samples."""
         scale = sample_rate / speed_of_sound

@@ -11,7 +11,7 @@ from scipy import fft
 from echolearn.acoustics.types import Array, Probe
 from echolearn.checks import check, check_number, check_whole, real_array
 
-FRAME = 882
+STFT_FRAME = 882
 """Samples per STFT frame as printed in the paper (40 ms at 22.05 kHz; the text says 20 ms); hop is
 half of it."""
 
@@ -70,7 +70,7 @@ def energy_under_probe(samples: Array, probe: Probe, *, first: int, last: int) -
     return total[..., len(probe.samples) :] - total[..., : last - first + 1]
 
 
-def stft(samples: Array, *, frame: int = FRAME) -> Array:
+def stft(samples: Array, *, frame: int = STFT_FRAME) -> Array:
     """Return the short-time spectra of `samples` (..., N): Hann window, half overlap, shape (...,
     F, T).
     """
@@ -87,7 +87,7 @@ def convolve(samples: Array, response: Array, length: int) -> Array:
     return np.pad(full, [(0, 0)] * (full.ndim - 1) + [(0, length - full.shape[-1])])
 
 
-def noise_psd(recording: Array, *, frame: int = FRAME) -> Array:
+def noise_psd(recording: Array, *, frame: int = STFT_FRAME) -> Array:
     """Return the power spectral density of a noise-only recording (..., N), shape (..., frame // 2
     + 1).
 
@@ -104,7 +104,7 @@ def noise_psd(recording: Array, *, frame: int = FRAME) -> Array:
     )
 
 
-def noise_covariance(recording: Array, *, frame: int = FRAME) -> Array:
+def noise_covariance(recording: Array, *, frame: int = STFT_FRAME) -> Array:
     """Return the covariance between microphones of a noise-only recording (M, N), shape (frame // 2
     + 1, M, M).
 

@@ -76,7 +76,7 @@ class Room:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MicArray:
     """Microphones around a loudspeaker at the origin of the robot's frame (x ahead, y left, z up).
 
@@ -99,6 +99,12 @@ class MicArray:
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MicArray) and np.array_equal(self.positions, other.positions)
+
+    def __hash__(self) -> int:
+        return hash(self.positions.tobytes())
 
     @property
     def radius(self) -> float:

@@ -16,10 +16,9 @@ from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.types import Array, Observation
 from echolearn.bench import equations as literal
 from echolearn.bench.measurement import Measurement, Setting, heard, times
-from echolearn.localization.beamforming import azimuth_grid
+from echolearn.localization.beamforming import azimuth_grid, mpdr_spectrum
 from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
-from echolearn.localization.methods.snls import mpdr_spectrum
 from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant
 
@@ -134,7 +133,9 @@ class Equations:
 
     def __init__(self, localizer: Any, observation: Observation) -> None:
         rate, self.loading = observation.probe.sample_rate, getattr(localizer, "loading", 0.0)
-        limits = localizer.window.lags(observation.array, rate, observation.speed_of_sound)
+        limits = localizer.window.lags(
+            observation.array, rate, speed_of_sound=observation.speed_of_sound
+        )
         self.recording, self.burst = observation.samples[0], observation.probe.samples
         self.positions, self.azimuths = (
             observation.array.positions,

@@ -20,7 +20,6 @@ from echolearn.dataset.plans import Plan
 from echolearn.dataset.records import records
 from echolearn.localization import beamforming, features
 from echolearn.localization.matched_filter import MatchedFilter
-from echolearn.localization.methods.snls import recording_covariance, spectrum_of
 from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant
 from echolearn.simulation.observe import add_noise
@@ -72,8 +71,10 @@ def estimating(plan: Plan, observation: Observation, place: Path) -> Iterator[St
     """Yield what makes records of observations (B, M, N), and writes them."""
     probe, samples, count = observation.probe, observation.samples, len(observation.samples)
     single, echoes = samples.astype(np.float32), plan.localizer(observation)
-    first, last = plan.window.lags(observation.array, probe.sample_rate, observation.speed_of_sound)
-    whole = recording_covariance(observation)
+    first, last = plan.window.lags(
+        observation.array, probe.sample_rate, speed_of_sound=observation.speed_of_sound
+    )
+    whole = beamforming.recording_covariance(observation)
     loaded, spectra = beamforming.regularize(whole, 0.1), signals.stft(single)
     table = records(plan, range(min(count, len(plan))))
     yield (
@@ -85,7 +86,7 @@ def estimating(plan: Plan, observation: Observation, place: Path) -> Iterator[St
     yield (
         "STFT",
         lambda: signals.stft(single),
-        lambda: signal.stft(single, nperseg=signals.FRAME, boundary=None, padded=False),
+        lambda: signal.stft(single, nperseg=signals.STFT_FRAME, boundary=None, padded=False),
     )
     yield (
         "covariance",
@@ -93,7 +94,7 @@ def estimating(plan: Plan, observation: Observation, place: Path) -> Iterator[St
         lambda: np.einsum("bmft,bnft->bfmn", spectra, spectra.conj()) / spectra.shape[-1],
     )
     yield "inverse", lambda: beamforming.invert(loaded), lambda: np.linalg.inv(loaded)
-    yield "MPDR spectrum", lambda: spectrum_of(whole, observation), None
+    yield "MPDR spectrum", lambda: beamforming.mpdr_spectrum(observation, covariances=whole), None
     yield "all features", lambda: features.describe(fresh(plan, observation), echoes), None
     yield "writing", lambda: manifests.write_shard(place, 0, table), lambda: unproved(place, table)
 

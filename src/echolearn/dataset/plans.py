@@ -230,7 +230,9 @@ def _check_common(plan: Plan) -> None:
     check_whole("plan.shard_rows", plan.shard_rows, low=1, high=4096, unit="rows")
     if plan.sdnr_db is not None:
         check_range("plan.sdnr_db", plan.sdnr_db, low=-100.0, high=100.0, unit="dB")
-    plan.window.lags(plan.scene.array, plan.scene.probe.sample_rate, plan.scene.speed_of_sound)
+    scene = plan.scene
+    rate = scene.probe.sample_rate
+    plan.window.lags(scene.array, rate, speed_of_sound=scene.speed_of_sound)
 
 
 def _check_levels(plan: Plan, snr_db: Sequence[float] | None) -> None:

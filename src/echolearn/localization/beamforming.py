@@ -1,4 +1,4 @@
-"""Beamforming: steering vectors, covariances, steered response power, steered matched filter.
+"""Beamforming: steering vectors, covariances, whole-recording SRP-MPDR.
 
 A plane wave from (psi, phi) has the spectrum d(omega) X(omega) at the microphones, with the
 steering vector d_m = exp(-j omega delay_m). From recordings with covariance R (Eq. 17), regularised
@@ -6,25 +6,21 @@ to R_bar = (1 - g) R + g tr(R)/M I (Eq. 18), the minimum power distortionless re
 (Eq. 15) passes the power 1 / (d^H R_bar^-1 d); summed over bins and maximised over directions it
 gives the DOA (Eq. 16). A white covariance reduces it to delay-and-sum.
 
-Steering the *matched filters* instead of the recordings keeps only what arrives at one time:
-J(tau, phi) = sum_m r_m(tau + eta_m(phi)).
+It takes in the whole recording, so below 0 dB it finds the noise or the late reverberation rather
+than the echo.
 
 A Hermitian matrix is packed into M*M reals: the diagonal, then real and imaginary parts of the
-    upper
-triangle, so that quadratic forms of a whole block are one real matrix product per bin.
+upper triangle, so that quadratic forms of a whole block are one real matrix product per bin.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from scipy import fft
 
-from echolearn.acoustics.geometry import far_field_delays, relative_delays
-from echolearn.acoustics.types import Array, MicArray
-
-PAD = 64
-"""Lags computed beyond the search window on either side, so that steered lags can be interpolated.
-"""
+from echolearn.acoustics import signals
+from echolearn.acoustics.geometry import direction, far_field_delays
+from echolearn.acoustics.types import Array, MicArray, Observation
 
 
 def azimuth_grid(azimuths: int) -> Array:
@@ -43,20 +39,15 @@ def direction_grid(azimuths: int, elevations: int = 1) -> tuple[Array, Array]:
     return azimuth.ravel(), elevation.ravel()
 
 
-def steering(
-    array: MicArray, azimuth: Array, elevation: Array, *, frequencies: Array, speed_of_sound: float
-) -> Array:
-    """Return steering vectors exp(-j omega delay), shape (F, A, M): directions (A,), `frequencies`
-    (F,) in Hz.
-    """
-    delays = far_field_delays(array, azimuth, elevation, speed_of_sound)
-    return np.exp(-2j * np.pi * frequencies[:, None, None] * delays)
-
-
 def covariance(spectra: Array) -> Array:
     """Return R = 1/T sum_t Y Y^H (Eq. 17), shape (..., F, M, M), from spectra (..., M, F, T)."""
     bins = np.moveaxis(spectra, -3, -2)
     return bins @ np.moveaxis(bins, -1, -2).conj() / spectra.shape[-1]
+
+
+def recording_covariance(observation: Observation) -> Array:
+    """Return R of the whole recording per STFT bin (Eq. 17), shape (B, F, M, M), complex64."""
+    return covariance(signals.stft(observation.samples.astype(np.float32)))
 
 
 def regularize(covariances: Array, gamma: float) -> Array:
@@ -64,48 +55,37 @@ def regularize(covariances: Array, gamma: float) -> Array:
     microphones = covariances.shape[-1]
     level = np.trace(covariances, axis1=-2, axis2=-1).real[..., None, None] / microphones
     tiny = np.finfo(level.dtype).tiny ** 0.5
-    return (1.0 - gamma) * covariances + (gamma * level + tiny) * np.eye(
-        microphones, dtype=level.dtype
-    )
+    identity = np.eye(microphones, dtype=level.dtype)
+    return (1.0 - gamma) * covariances + (gamma * level + tiny) * identity
 
 
-def pack(hermitian: Array) -> Array:
-    """Return Hermitian matrices (..., M, M) as reals (..., M*M): diagonal, upper real parts, upper
-    imaginary parts.
-    """
-    upper = np.triu_indices(hermitian.shape[-1], 1)
-    above = hermitian[..., upper[0], upper[1]]
-    return np.concatenate(
-        [np.diagonal(hermitian, axis1=-2, axis2=-1).real, above.real, above.imag], axis=-1
-    )
+def pack_hermitian(matrices: Array) -> Array:
+    """Return Hermitian matrices (..., M, M) as M*M reals: diagonal, upper real and imaginary parts."""
+    upper = np.triu_indices(matrices.shape[-1], 1)
+    above = matrices[..., upper[0], upper[1]]
+    diagonal = np.diagonal(matrices, axis1=-2, axis2=-1).real
+    return np.concatenate([diagonal, above.real, above.imag], axis=-1)
 
 
 def pack_steering(vectors: Array) -> Array:
-    """Return weights (..., M*M) with which `pack(R)` gives d^H R d, for steering vectors d (...,
-    M).
-    """
-    outer = vectors.conj()[..., :, None] * vectors[..., None, :]
-    packed = pack(outer)
+    """Return weights w (..., M*M) for steering vectors d (..., M): w . pack_hermitian(R) = d^H R d."""
+    packed = pack_hermitian(vectors.conj()[..., :, None] * vectors[..., None, :])
     microphones = vectors.shape[-1]
+    # Each element above the diagonal stands for its mirror image too.
     half = microphones * (microphones - 1) // 2
-    factor = np.concatenate([np.ones(microphones), np.full(half, 2.0), np.full(half, -2.0)])
-    return packed * factor
+    return packed * np.repeat([1.0, 2.0, -2.0], [microphones, half, half])
 
 
-def quadratic(hermitian: Array, weights: Array) -> Array:
-    """Return d^H R d per bin, shape (F, B, A), for matrices R (B, F, M, M) and packed steering (F,
-    M*M, A).
-    """
-    return np.moveaxis(pack(hermitian), -2, 0) @ weights
+def quadratic(matrices: Array, weights: Array) -> Array:
+    """Return d^H R d per bin, shape (F, B, A), for R (B, F, M, M) and packed steering (F, M*M, A)."""
+    return np.moveaxis(pack_hermitian(matrices), -2, 0) @ weights
 
 
 def invert(hermitian: Array) -> Array:
-    """Return the inverses of positive definite matrices (..., M, M) by Gauss-Jordan steps over the
-    whole block.
+    """Return the inverses of positive definite matrices (..., M, M), by Gauss-Jordan steps.
 
     Pivoting is not needed for positive definite matrices, and M is small: M steps on contiguous
-        planes are
-    far faster than one LAPACK call per matrix.
+    planes of the whole block are far faster than one LAPACK call per matrix.
     """
     size = hermitian.shape[-1]
     work = np.moveaxis(hermitian, (-2, -1), (0, 1)).copy(order="C")
@@ -121,6 +101,25 @@ def invert(hermitian: Array) -> Array:
     return np.moveaxis(work, (0, 1), (-2, -1))
 
 
+@lru_cache(maxsize=4)
+def steering_weights(
+    array: MicArray, *, azimuths: int, elevations: int, sample_rate: float, speed_of_sound: float
+) -> Array:
+    """Return packed steering of a grid for the bins of an STFT, shape (F, M*M, A), float32, cached.
+
+    Args:
+        array: M microphones.
+        azimuths, elevations: sizes of `direction_grid`.
+        sample_rate: in Hz.
+        speed_of_sound: in m/s.
+    """
+    frequencies = np.fft.rfftfreq(signals.STFT_FRAME, 1.0 / sample_rate)
+    toward = direction(*direction_grid(azimuths, elevations))
+    delays = far_field_delays(array, toward, speed_of_sound=speed_of_sound)
+    vectors = np.exp(-2j * np.pi * frequencies[:, None, None] * delays)
+    return np.ascontiguousarray(np.moveaxis(pack_steering(vectors), -1, -2), dtype=np.float32)
+
+
 def mpdr_power(covariances: Array, weights: Array, *, gamma: float) -> Array:
     """Return the MPDR beam power summed over bins (Eq. 16), shape (B, A).
 
@@ -132,118 +131,56 @@ def mpdr_power(covariances: Array, weights: Array, *, gamma: float) -> Array:
     return np.sum(1.0 / quadratic(invert(regularize(covariances, gamma)), weights), axis=0)
 
 
-def delay_and_sum_power(covariances: Array, weights: Array) -> Array:
-    """Return the delay-and-sum beam power d^H R d / M^2 summed over bins, shape (B, A)."""
-    return np.sum(quadratic(covariances, weights), axis=0) / covariances.shape[-1] ** 2
-
-
-def summits(power: Array, count: int) -> Array:
-    """Return the indices of the `count` highest local maxima of power over a circle, from (B, A) to
-    (B, count).
-
-    Where there are fewer, the highest is repeated.
-    """
-    local = (power > np.roll(power, 1, axis=-1)) & (power >= np.roll(power, -1, axis=-1))
-    height = np.where(local, power, -np.inf)
-    order = np.argsort(-height, axis=-1, kind="stable")[:, :count]
-    best = power.argmax(axis=-1)[:, None]
-    return np.where(np.isfinite(np.take_along_axis(height, order, axis=-1)), order, best)
-
-
-def steering_weights(
-    array: MicArray,
-    azimuths: int,
-    elevations: int,
+def mpdr_spectrum(
+    observation: Observation,
     *,
-    frame: int,
-    sample_rate: float,
-    speed_of_sound: float,
+    azimuths: int = 180,
+    elevations: int = 1,
+    gamma: float = 0.1,
+    covariances: Array | None = None,
 ) -> Array:
-    """Return packed steering for `direction_grid` and the bins of an STFT, shape (F, M*M, A),
-    float32, cached.
-    """
-    return _steering_weights(
-        array.positions.tobytes(), azimuths, elevations, frame, sample_rate, speed_of_sound
-    )
-
-
-@lru_cache(maxsize=4)
-def _steering_weights(
-    positions: bytes,
-    azimuths: int,
-    elevations: int,
-    frame: int,
-    sample_rate: float,
-    speed_of_sound: float,
-) -> Array:
-    array = MicArray(np.frombuffer(positions).reshape(-1, 3))
-    frequencies = np.fft.rfftfreq(frame, 1.0 / sample_rate)
-    directions = direction_grid(azimuths, elevations)
-    vectors = steering(array, *directions, frequencies=frequencies, speed_of_sound=speed_of_sound)
-    return np.ascontiguousarray(np.moveaxis(pack_steering(vectors), -1, -2), dtype=np.float32)
-
-
-def advance(correlation: Array, lags: Array) -> Array:
-    """Return matched-filter outputs (..., M, L) read at tau + lags: r_m(tau + lags_m), shape (...,
-    A, M, L).
+    """Return the whole-recording SRP-MPDR power over directions (Eq. 16), shape (B, A), float32.
 
     Args:
-        correlation: r_m, shape (..., M, L).
-        lags: fractional advance, shape (..., A, M), in samples.
-
-    The interpolation is band-limited over the L lags; they should reach `PAD` beyond those of
-    interest.
+        observation: recordings (B, M, N).
+        azimuths, elevations: sizes of `direction_grid`.
+        gamma: regularisation of Eq. 18.
+        covariances: `recording_covariance` of the observation, if it is known already.
     """
-    size = correlation.shape[-1]
-    omega = 2 * np.pi * np.fft.rfftfreq(size)
-    phase = np.exp(1j * lags[..., None] * omega)
-    return fft.irfft(fft.rfft(correlation)[..., None, :, :] * phase, size)
+    if covariances is None:
+        covariances = recording_covariance(observation)
+    weights = steering_weights(
+        observation.array,
+        azimuths=azimuths,
+        elevations=elevations,
+        sample_rate=observation.probe.sample_rate,
+        speed_of_sound=observation.speed_of_sound,
+    )
+    return mpdr_power(covariances, weights, gamma=gamma)
 
 
-def steered_response(
-    correlation: Array,
-    array: MicArray,
-    azimuth: Array,
-    elevation: Array,
-    *,
-    scale: float,
-    finer: int = 1,
+def mpdr_spectrum_without(
+    observation: Observation, silent: Array, *, azimuths: int, elevations: int, gamma: float
 ) -> Array:
-    """Return J(tau, phi) = sum_m r_m(tau + eta_m(phi)), shape (B, A, finer * L).
+    """Return `mpdr_spectrum` with the silent microphones of each recording left out.
 
     Args:
-        correlation: matched-filter outputs, shape (B, M, L).
-        array: M microphones.
-        azimuth, elevation: directions, shape (A,), in rad.
-        scale: sample_rate / speed_of_sound, in samples per m.
-        finer: points per lag.
+        observation: recordings (B, M, N).
+        silent: which microphones to leave out, shape (B, M), bool.
+        azimuths, elevations: sizes of `direction_grid`.
+        gamma: regularisation of Eq. 18.
     """
-    size = correlation.shape[-1]
-    phase = _advancing(
-        array.positions.tobytes(), azimuth.tobytes(), elevation.tobytes(), size, scale
-    )
-    spectrum = np.moveaxis(fft.rfft(correlation.astype(np.float32)), -1, 0)
-    steered = np.moveaxis(spectrum @ phase, 0, -1)
-    return fft.irfft(steered, size) if finer == 1 else interpolate(steered, size, finer)
-
-
-def interpolate(spectrum: Array, size: int, finer: int) -> Array:
-    """Return `finer` points per lag of correlations given by their spectra over `size` lags, (...,
-    finer * size).
-    """
-    if size % 2 == 0:
-        spectrum = np.concatenate(
-            [spectrum[..., :-1], spectrum[..., -1:] / 2], axis=-1
-        )  # Nyquist splits into two
-    return fft.irfft(spectrum, finer * size) * finer
-
-
-@lru_cache(maxsize=8)
-def _advancing(
-    positions: bytes, azimuth: bytes, elevation: bytes, size: int, scale: float
-) -> Array:
-    """Return the phases exp(j omega eta_m) that align microphones, shape (F, M, A), complex64."""
-    array = MicArray(np.frombuffer(positions).reshape(-1, 3))
-    eta = relative_delays(array, np.frombuffer(azimuth), np.frombuffer(elevation), 1.0) * scale
-    omega = 2 * np.pi * np.fft.rfftfreq(size)
-    return np.exp(1j * omega[:, None, None] * eta.T).astype(np.complex64)
+    grid = {"azimuths": azimuths, "elevations": elevations}
+    if not silent.any():
+        return mpdr_spectrum(observation, **grid, gamma=gamma)
+    power = np.empty((len(silent), azimuths * elevations), dtype=np.float32)
+    # Recordings with the same microphones are a block of their own.
+    for pattern in np.unique(silent, axis=0):
+        rows = (silent == pattern).all(axis=-1)
+        fewer = replace(
+            observation,
+            samples=observation.samples[rows][:, ~pattern],
+            array=MicArray(observation.array.positions[~pattern]),
+        )
+        power[rows] = mpdr_spectrum(fewer, **grid, gamma=gamma)
+    return power

@@ -1,5 +1,4 @@
-"""What a classifier may look at: named columns of an echo, and covariance tensors of its
-observation.
+"""What a classifier may use: named columns of an echo, and covariance tensors of its recording.
 
 Columns marked (g) change with the gain of the recording; the others are dimensionless.
 
@@ -23,9 +22,9 @@ Columns marked (g) change with the gain of the recording; the others are dimensi
 | azimuth, elevation | rad | direction the localizer chose                                                     |
 | azimuth_mpdr    | rad  | direction of the whole-recording MPDR (the paper's)                                 |
 
-Tensors are (BANDS, M*M) packed Hermitian matrices (`beam.pack`), each band scaled to trace M:
-`covariance` of the whole recording, `covariance_gated` of the matched-filter outputs around the
-echo, `covariance_steered` the same after steering to the estimated direction, so that an echo from
+Tensors are (COVARIANCE_BANDS, M*M) packed Hermitian matrices (`beamforming.pack_hermitian`),
+each band scaled to trace M: `covariance` of the whole recording, `covariance_gated` of the
+matched-filter outputs around the echo, `covariance_steered` the same after steering to the estimated direction, so that an echo from
 there is all ones whatever its direction.
 """
 
@@ -39,36 +38,49 @@ from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.signals import decibel
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.localization import beamforming
-from echolearn.localization.matched_filter import MatchedFilter
-from echolearn.localization.methods.snls import recording_covariance, spectrum_of
-from echolearn.localization.separation import apart
+from echolearn.localization.correlations import PAD, advance
+from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
+from echolearn.localization.separation import separate
 
-BANDS = 16
+COVARIANCE_BANDS = 16
+"""Bands of frequencies in a covariance tensor."""
+
 SEGMENT = 64
-"""MatchedFilter-filter lags around an echo from which its covariance is taken."""
+"""Lags of the matched filters around an echo from which its covariance is taken."""
 
-COLUMNS = (
-    "toa score peak_to_rms second_to_first gain gain_delay power power_ratio coherence joint joint_max "
-    "joint_ratio joint_score joint_lag gated_ratio azimuth elevation azimuth_mpdr"
-).split()
 UNITS = {
-    **dict.fromkeys(COLUMNS, "1"),
-    **dict.fromkeys(("power", "power_ratio", "gated_ratio"), "dB"),
-    **dict.fromkeys(("azimuth", "elevation", "azimuth_mpdr"), "rad"),
-    **{"toa": "s", "gain_delay": "m", "joint_lag": "samples"},
+    "toa": "s",
+    "score": "1",
+    "peak_to_rms": "1",
+    "second_to_first": "1",
+    "gain": "1",
+    "gain_delay": "m",
+    "power": "dB",
+    "power_ratio": "dB",
+    "coherence": "1",
+    "joint": "1",
+    "joint_max": "1",
+    "joint_ratio": "1",
+    "joint_score": "1",
+    "joint_lag": "samples",
+    "gated_ratio": "dB",
+    "azimuth": "rad",
+    "elevation": "rad",
+    "azimuth_mpdr": "rad",
 }
 """Unit of each column."""
 
+COLUMNS = list(UNITS)
 TENSORS = ("covariance", "covariance_gated", "covariance_steered")
 
 
 def describe(
     matched: MatchedFilter, echoes: Echoes, *, names: Collection[str] = (*COLUMNS, *TENSORS)
 ) -> dict[str, Array]:
-    """Return columns, shape (B * R,), and tensors, shape (B * R, BANDS, M*M): a row for each echo.
+    """Return columns (B * R,) and tensors (B * R, COVARIANCE_BANDS, M*M): a row for each echo.
 
     Rows go observation by observation. Of several echoes each is described as the others leave it
-    (`localize.apart`); what speaks of the whole recording is the same for all of them.
+    (`separation`); what speaks of the whole recording is the same for all of them.
 
     Args:
         matched: matched-filter view of B observations.
@@ -77,43 +89,44 @@ def describe(
             may come along.
     """
     whole = recording_columns(matched, names)
-    each = [
-        echo_columns(view, echo_of(echoes, r), whole, names)
-        for r, view in enumerate(apart(matched, echoes))
-    ]
+    each = []
+    for r, view in enumerate(separate(matched, echoes)):
+        one = Echoes(*(getattr(echoes, field.name)[:, r] for field in fields(Echoes)))
+        each.append(echo_columns(view, one, whole=whole, names=names))
     return {
-        name: np.stack([one[name] for one in each], axis=1).reshape(-1, *each[0][name].shape[1:])
-        for name in each[0]
+        name: np.stack([columns[name] for columns in each], axis=1).reshape(-1, *first.shape[1:])
+        for name, first in each[0].items()
     }
 
 
-def echo_of(echoes: Echoes, r: int) -> Echoes:
-    """Return echo number r of each observation, fields (B,)."""
-    return Echoes(*(getattr(echoes, field.name)[:, r] for field in fields(Echoes)))
-
-
 def recording_columns(matched: MatchedFilter, names: Collection[str]) -> dict[str, Array]:
-    """Return what speaks of the whole recording, for B observations."""
-    beams, tensor = (
-        not {"power", "power_ratio", "azimuth_mpdr"}.isdisjoint(names),
-        "covariance" in names,
-    )
-    if not (beams or tensor):
-        return {}
-    whole = recording_covariance(matched.observation)
-    return (beam_columns(whole, matched) if beams else {}) | (
-        {"covariance": band_average(whole)} if tensor else {}
-    )
+    """Return what speaks of the whole recording, for B observations, of what `names` want."""
+    beams = not {"power", "power_ratio", "azimuth_mpdr"}.isdisjoint(names)
+    tensor = "covariance" in names
+    found: dict[str, Array] = {}
+    if beams or tensor:
+        covariances = beamforming.recording_covariance(matched.observation)
+    if beams:
+        found |= beam_columns(matched, covariances)
+    if tensor:
+        found["covariance"] = band_average(covariances)
+    return found
 
 
 def echo_columns(
-    matched: MatchedFilter, echo: Echoes, whole: Mapping[str, Array], names: Collection[str]
+    matched: MatchedFilter, echo: Echoes, *, whole: Mapping[str, Array], names: Collection[str]
 ) -> dict[str, Array]:
-    """Return the description of one echo per observation, fields (B,), with what is known of the
-    `whole` recording.
+    """Return the description of one echo per observation.
+
+    Args:
+        matched: matched-filter view of B observations.
+        echo: of each, fields (B,).
+        whole: what is known of the whole recordings.
+        names: what is wanted.
     """
     index = matched.index(echo.toa)
     toward = direction(echo.azimuth, echo.elevation)
+    # Their order is that of the columns in the files of sets.
     known = {
         "toa": echo.toa,
         "score": echo.score,
@@ -122,47 +135,57 @@ def echo_columns(
         "azimuth": echo.azimuth,
         "elevation": echo.elevation,
         **peak_columns(matched.correlation[:, 0], index),
-        **{name: value for name, value in whole.items() if name != "covariance"},
-        **steered_columns(matched, index, toward),
-        **{name: value for name, value in whole.items() if name == "covariance"},
     }
-    gated = {"covariance_gated", "covariance_steered"}
-    return known if gated.isdisjoint(names) else known | gated_covariances(matched, index, toward)
+    tensor = {name: whole[name] for name in TENSORS if name in whole}
+    beams = {name: value for name, value in whole.items() if name not in tensor}
+    known |= beams | steered_columns(matched, index, toward=toward) | tensor
+    if not {"covariance_gated", "covariance_steered"}.isdisjoint(names):
+        known |= gated_covariances(matched, index, toward=toward)
+    return known
 
 
-def peak_columns(correlation: Array, index: Array, *, away: int = 5) -> dict[str, Array]:
-    """Return the columns that judge the peak of r_1, shape (B, L), at lag indices (B,)."""
-    rows = np.arange(len(index))
-    peak = correlation[rows, index]
+def peak_columns(correlation: Array, index: Array) -> dict[str, Array]:
+    """Return the columns of the peak of r_1, shape (B, L), at lag indices (B,)."""
+    peak = np.take_along_axis(correlation, index[:, None], axis=-1)[:, 0]
     rms = np.sqrt(np.mean(np.square(correlation), axis=-1))
-    elsewhere = np.abs(np.arange(correlation.shape[-1]) - index[:, None]) >= away
+    elsewhere = np.abs(np.arange(correlation.shape[-1]) - index[:, None]) >= PEAK_SPACING
     second = np.max(correlation, axis=-1, where=elsewhere, initial=-np.inf)
     return {"peak_to_rms": ratio(peak, rms), "second_to_first": ratio(second, peak)}
 
 
-def beam_columns(covariances: Array, matched: MatchedFilter) -> dict[str, Array]:
+def beam_columns(matched: MatchedFilter, covariances: Array) -> dict[str, Array]:
     """Return the columns of the whole-recording MPDR beam, from covariances (B, F, M, M)."""
-    spectrum = spectrum_of(covariances, matched.observation, azimuths=matched.azimuths)
+    azimuths = matched.azimuths
+    spectrum = beamforming.mpdr_spectrum(
+        matched.observation, azimuths=azimuths, covariances=covariances
+    )
     power = decibel(spectrum.max(axis=-1).astype(float))
     return {
         "power": power,
         "power_ratio": power - decibel(spectrum.mean(axis=-1).astype(float)),
-        "azimuth_mpdr": beamforming.azimuth_grid(matched.azimuths)[spectrum.argmax(axis=-1)],
+        "azimuth_mpdr": beamforming.azimuth_grid(azimuths)[spectrum.argmax(axis=-1)],
     }
 
 
-def steered_columns(matched: MatchedFilter, index: Array, toward: Array) -> dict[str, Array]:
-    """Return the columns that compare all microphones, at lag indices (B,) and unit vectors
-    `toward` (B, 3).
+def steered_columns(matched: MatchedFilter, index: Array, *, toward: Array) -> dict[str, Array]:
+    """Return the columns that compare all microphones.
+
+    Args:
+        matched: matched-filter view of B observations.
+        index: lag indices of the echoes, shape (B,).
+        toward: unit vectors of their directions, shape (B, 3).
     """
-    rows, steered = np.arange(len(index)), matched.steered
-    lags = steered.shape[-1]
-    aligned = align(matched, index, toward)[:, :, SEGMENT // 2]
-    here = aligned.sum(axis=-1)
-    best = steered.reshape(len(index), -1).argmax(axis=-1)
-    highest = steered.reshape(len(index), -1)[rows, best].astype(float)
+    rows = np.arange(len(index))
+    steered = matched.steered
+    flat = steered.reshape(len(index), -1)
+    best = flat.argmax(axis=-1)
+    highest = flat[rows, best].astype(float)
     rms = np.sqrt(np.mean(np.square(steered), axis=(-2, -1), dtype=float))
+
+    aligned = align(matched, index, toward=toward)[:, :, SEGMENT // 2]
+    here = aligned.sum(axis=-1)
     energy = np.sqrt(matched.energy[rows, :, index]).sum(axis=-1) * np.sqrt(matched.probe_energy)
+
     gated = matched.gated_power(index)
     nearest = (toward @ direction(*matched.directions).T).argmax(axis=-1)
     return {
@@ -171,51 +194,55 @@ def steered_columns(matched: MatchedFilter, index: Array, toward: Array) -> dict
         "joint_max": ratio(highest, rms),
         "joint_ratio": ratio(here, highest),
         "joint_score": ratio(here, energy),
-        "joint_lag": np.abs(best % lags - index).astype(float),
+        "joint_lag": np.abs(best % steered.shape[-1] - index).astype(float),
         "gated_ratio": decibel(ratio(gated[rows, nearest].astype(float), gated.mean(axis=-1))),
     }
 
 
-def align(matched: MatchedFilter, index: Array, toward: Array) -> Array:
-    """Return r_m(toa + eta_m + k) for k from -SEGMENT/2, eta_m of unit vectors (B, 3), shape (B, M,
-    SEGMENT).
+def align(matched: MatchedFilter, index: Array, *, toward: Array) -> Array:
+    """Return r_m(toa + eta_m + k) for `SEGMENT` lags k around 0, shape (B, M, SEGMENT).
+
+    Args:
+        matched: matched-filter view of B observations.
+        index: lag indices of the echoes, shape (B,).
+        toward: unit vectors for which microphones are delayed by eta_m, shape (B, 3).
     """
-    along = toward @ matched.observation.array.positions.T
-    eta = (along[:, :1] - along) * matched.scale
-    advanced = beamforming.advance(matched.padded, eta[:, None])[:, 0]
-    return cut(advanced, index)
+    advanced = advance(matched.padded, matched.eta(toward)[:, None])
+    return cut(advanced[:, 0], index)
 
 
 def cut(padded: Array, index: Array) -> Array:
-    """Return `SEGMENT` lags centred on lag indices (B,) of `padded` (B, M, L + 2 PAD), shape (B, M,
-    SEGMENT).
-    """
-    lags = index[:, None] + beamforming.PAD - SEGMENT // 2 + np.arange(SEGMENT)
+    """Return `SEGMENT` lags centred on lag indices (B,) of `padded` (B, M, L + 2 PAD)."""
+    lags = index[:, None] + PAD - SEGMENT // 2 + np.arange(SEGMENT)
     return np.take_along_axis(padded, lags[:, None, :], axis=-1)
 
 
-def gated_covariances(matched: MatchedFilter, index: Array, toward: Array) -> dict[str, Array]:
-    """Return the covariance tensors of the matched-filter outputs around the echo, plain and
-    steered.
+def gated_covariances(matched: MatchedFilter, index: Array, *, toward: Array) -> dict[str, Array]:
+    """Return the covariance tensors of the matched filters around the echo, plain and steered.
+
+    Args:
+        matched: matched-filter view of B observations.
+        index: lag indices of the echoes, shape (B,).
+        toward: unit vectors of their directions, shape (B, 3).
     """
+    window = np.hanning(SEGMENT + 1)[:-1]
     segments = {
         "covariance_gated": cut(matched.padded, index),
-        "covariance_steered": align(matched, index, toward),
+        "covariance_steered": align(matched, index, toward=toward),
     }
-    window = np.hanning(SEGMENT + 1)[:-1]
-    spectra = {name: fft.rfft(segment * window)[..., None] for name, segment in segments.items()}
-    return {
-        name: band_average(beamforming.covariance(spectrum)) for name, spectrum in spectra.items()
-    }
+    found = {}
+    for name, segment in segments.items():
+        spectrum = fft.rfft(segment * window)[..., None]
+        found[name] = band_average(beamforming.covariance(spectrum))
+    return found
 
 
 def band_average(covariances: Array) -> Array:
-    """Return covariances (B, F, M, M), bin 0 left out, averaged over `BANDS` equal bands: packed,
-    trace M.
-    """
-    bins = (covariances.shape[1] - 1) // BANDS
-    used = covariances[:, 1 : 1 + bins * BANDS]
-    packed = beamforming.pack(used.reshape(len(used), BANDS, bins, *used.shape[2:]).mean(axis=2))
+    """Return covariances (B, F, M, M) averaged over equal bands: packed, trace M, without bin 0."""
+    bins = (covariances.shape[1] - 1) // COVARIANCE_BANDS
+    used = covariances[:, 1 : 1 + bins * COVARIANCE_BANDS]
+    banded = used.reshape(len(used), COVARIANCE_BANDS, bins, *used.shape[2:])
+    packed = beamforming.pack_hermitian(banded.mean(axis=2))
     microphones = covariances.shape[-1]
     trace = packed[..., :microphones].sum(axis=-1, keepdims=True)
     return (packed * microphones / np.maximum(trace, 1e-30)).astype(np.float32)

@@ -1,5 +1,4 @@
-"""From recordings to echoes and what describes them: the one way that sets, comparisons and robots
-take.
+"""From recordings to echoes and their columns: the one way of sets, comparisons and robots.
 
     observation --matched filters--> view --localizer--> echoes --features--> columns
 

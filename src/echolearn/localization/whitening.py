@@ -2,9 +2,12 @@
 
 A matched filter is the best detector in *white* noise; in coloured noise it is the best one after
 both recording and probe have passed a filter that makes the noise white. Rotors are loud below 1
-kHz, where then nothing is listened to. All microphones pass the same filter, made from the mean
-shape of their densities, so that the probe stays one and no direction is distorted; their levels
-remain as `noise_psd` of the result, for weights.
+kHz, which then hardly counts. All microphones pass the same filter, made from the mean shape of
+their densities, so that the probe stays one and no direction is distorted; their levels remain as
+`noise_psd` of the result, for weights.
+
+What is known of the noise is a recording of it alone: its density at each microphone, and its
+covariance between them (`signals.noise_psd`, `signals.noise_covariance`).
 """
 
 from dataclasses import replace
@@ -16,63 +19,150 @@ from echolearn.acoustics.types import Array, Observation, Probe
 from echolearn.checks import check
 from echolearn.localization import faults
 
+LARGEST_WEIGHT = 4.0
+"""Weight of a microphone relative to the median one: little noise may mean that it is covered."""
+
 
 def whitened(observation: Observation, *, samples: int | None = None) -> Observation:
-    """Return recordings, probe and noise density after the whitening filter; lags stay what they
-    are.
+    """Return recordings, probe and density after the whitening filter; lags stay what they are.
+
+    A silent microphone is silent in the result.
 
     Args:
         observation: recordings (B, M, N) with `noise_psd` (F,) or (M, F).
         samples: how many of each recording are needed from its start; all unless given.
 
-    A microphone that does not hear is silent in the result.
-
     Raises:
         BadValue: no noise density, or one that does not fit the array.
     """
-    check_known(observation)
-    psd = faults.density(observation)
+    check(
+        observation.noise_psd is not None,
+        "localizer.whiten",
+        True,
+        allowed="needs observation.noise_psd, the density of the noise",
+        hint="record the noise alone: noise.wav of a survey, or signals.noise_psd",
+    )
+    psd = density(observation)
     shape = colour(psd)
-    probe, silent = observation.probe, faults.deaf(observation.samples)
+    probe = observation.probe
     burst = signals.whiten(probe.samples, shape)
-    heard = signals.whiten(observation.samples[..., :samples], shape)
-    heard[silent] = 0.0  # the filter would wake up a stuck microphone
-    length = max(heard.shape[-1], len(burst))
+
+    # The filter's response is as long as 2 F samples, which the last lags still need.
+    needed = None if samples is None else samples + 2 * len(shape)
+    recordings = signals.whiten(observation.samples[..., :needed], shape)
+    # It would wake up a stuck microphone.
+    recordings[faults.silent_microphones(observation.samples)] = 0.0
+
     return replace(
         observation,
-        samples=heard,
-        probe=Probe(burst, probe.sample_rate, length),
+        samples=recordings,
+        probe=Probe(burst, probe.sample_rate, max(recordings.shape[-1], len(burst))),
         noise_psd=psd / np.maximum(shape, 1e-6 * shape.mean()),
     )
 
 
-def check_known(observation: Observation) -> None:
-    """Raise `BadValue` unless the observation has a noise density."""
-    known = observation.noise_psd is not None
-    hint = "record the noise alone: noise.wav of a survey, or signals.noise_psd"
-    check(known, "localizer.whiten", True, allowed="only with observation.noise_psd", hint=hint)
+def density(observation: Observation) -> Array:
+    """Return `noise_psd`, which must be known, for each microphone, shape (M, F).
 
-
-def check_whiten(value: object, *more: str) -> None:
-    """Raise `BadValue` unless `value` is a way in which a localizer can whiten: true, false or one
-    of `more`.
+    Raises:
+        BadValue: a density that does not fit the array.
     """
-    allowed = ", ".join(["true", "false", *more])
-    known = isinstance(value, bool) or value in more
+    name = "observation.noise_psd"
+    psd = np.atleast_2d(np.asarray(observation.noise_psd, dtype=float))
+    microphones = len(observation.array)
     check(
-        known,
-        "localizer.whiten",
-        value,
-        allowed=allowed,
-        hint="" if more else "spatial is for localizer=joint",
+        psd.ndim == 2 and len(psd) in (1, microphones),
+        name,
+        f"shape {psd.shape}",
+        allowed=f"must be (F,) or ({microphones}, F), a row for each microphone",
     )
+    fine = bool(np.isfinite(psd).all() and (psd >= 0).all())
+    check(fine, name, "NaN, infinity or below 0", allowed="densities must be 0 or more")
+    return np.broadcast_to(psd, (microphones, psd.shape[-1]))
 
 
 def colour(psd: Array) -> Array:
-    """Return the mean shape of densities (M, F), scaled to mean 1, shape (F,); silent microphones
-    do not count.
-    """
+    """Return the mean shape of densities (M, F), of mean 1, shape (F,); silence does not count."""
     level = psd.mean(axis=-1, keepdims=True)
-    heard = level[:, 0] > 0
-    check(bool(heard.any()), "observation.noise_psd", "0", allowed="noise at some microphone")
-    return np.mean(psd[heard] / level[heard], axis=0)
+    loud = level[:, 0] > 0
+    check(
+        bool(loud.any()),
+        "observation.noise_psd",
+        "0",
+        allowed="noise must be recorded at some microphone",
+    )
+    return np.mean(psd[loud] / level[loud], axis=0)
+
+
+def noise_variance(observation: Observation) -> Array:
+    """Return the noise power of each recording, shape (B, M).
+
+    It is the mean of `noise_psd` where that is known, and else the power of the last quarter of the
+    recording, when the early echoes are over; late reverberation is not.
+    """
+    samples = observation.samples
+    if observation.noise_psd is not None:
+        return np.broadcast_to(density(observation).mean(axis=-1), samples.shape[:-1])
+    tail = samples[..., -(samples.shape[-1] // 4) :]
+    return faults.energies(tail) / tail.shape[-1]
+
+
+def noise_weights(observation: Observation, silent: Array) -> Array:
+    """Return the weight of each microphone, median noise power over its own, shape (B, M).
+
+    It is 0 where a microphone is `silent` (B, M), and `LARGEST_WEIGHT` at most.
+    """
+    variance = np.maximum(noise_variance(observation), np.finfo(float).tiny)
+    median = np.nanmedian(np.where(silent, np.nan, variance), axis=-1, keepdims=True)
+    return np.where(silent, 0.0, np.minimum(median / variance, LARGEST_WEIGHT))
+
+
+def noise_coherence(observation: Observation) -> Array:
+    """Return `noise_covariance`, which must be known, over the noise's `colour`, shape (F, M, M).
+
+    Raises:
+        BadValue: a covariance that is not known or does not fit the array.
+    """
+    covariance = _checked_covariance(observation)
+    return covariance / np.maximum(colour(_diagonal(covariance)), 1e-6)[:, None, None]
+
+
+def with_density(observation: Observation) -> Observation:
+    """Return an observation with a noise density: the covariance's, where it has no other."""
+    if observation.noise_psd is not None:
+        return observation
+    return replace(observation, noise_psd=_diagonal(_checked_covariance(observation)))
+
+
+def _diagonal(covariance: Array) -> Array:
+    """Return the densities (M, F) of covariances (F, M, M)."""
+    return np.diagonal(covariance, axis1=-2, axis2=-1).real.T
+
+
+def _checked_covariance(observation: Observation) -> Array:
+    """Return `noise_covariance` (F, M, M), or raise `BadValue`."""
+    name = "observation.noise_covariance"
+    check(
+        observation.noise_covariance is not None,
+        "localizer.whiten",
+        "spatial",
+        allowed=f"needs {name}",
+        hint="record the noise alone and give signals.noise_covariance",
+    )
+    covariance = np.asarray(observation.noise_covariance, dtype=complex)
+    shape = covariance.shape
+    count = len(observation.array)
+    fits = len(shape) == 3 and shape[1:] == (count, count) and shape[0] > 1
+    check(fits, name, f"shape {shape}", allowed=f"must be (F, {count}, {count})")
+    finite = bool(np.isfinite(covariance).all())
+    check(finite, name, "NaN or infinity", allowed="numbers must be finite")
+
+    asymmetry = np.abs(covariance - covariance.conj().mT)
+    hermitian = bool((asymmetry <= 1e-6 * np.abs(covariance).max()).all())
+    check(
+        hermitian and bool((_diagonal(covariance) >= 0).all()),
+        name,
+        "not Hermitian, or a density below 0",
+        allowed="must be covariances E Y Y^H",
+    )
+    return covariance

@@ -242,7 +242,7 @@ def _inputs(about: Mapping[str, Any], microphones: int) -> tuple[tuple[str, ...]
     meant = [features.UNITS.get(name, "1") for name in names]
     check(units == meant, "columns", units, allowed=f"the units {meant}")
     wanted = [about["bands"], microphones**2] if tensor else [len(names)]
-    check(about["bands"] == features.BANDS, "bands", about["bands"], allowed=f"{features.BANDS}")
+    check(about["bands"] == features.COVARIANCE_BANDS, "bands", about["bands"], allowed=f"{features.COVARIANCE_BANDS}")
     check(
         len(set(names)) == len(names) and (len(names) == 1 or not tensor),
         "columns",

@@ -29,7 +29,7 @@ from echolearn.acoustics.geometry import (
 from echolearn.acoustics.types import Array, Observation, Pose, Room
 from echolearn.checks import BadValue
 from echolearn.dataset.records import MAP_TOLERANCE
-from echolearn.localization.faults import DeafMicrophone
+from echolearn.localization.faults import SilentMicrophone
 from echolearn.localization.localizer import Localizer
 from echolearn.simulation.scene import Scene
 
@@ -53,7 +53,7 @@ def strongest_echo(
             microphone; then all estimates are NaN, which no metric counts as right.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeafMicrophone)
+        warnings.simplefilter("ignore", SilentMicrophone)
         try:
             echoes = localizer(observation)
         except BadValue:
@@ -75,7 +75,7 @@ def drawn_by_chance(
         rng: draws them.
     """
     rate = scene.probe.sample_rate
-    first, last = window.lags(scene.array, rate, scene.speed_of_sound)
+    first, last = window.lags(scene.array, rate, speed_of_sound=scene.speed_of_sound)
     toa = rng.uniform(first, last, count) / rate
     azimuth = rng.uniform(-np.pi, np.pi, count)
     return np.stack([toa, azimuth, np.full(count, np.pi / 2)], axis=1)

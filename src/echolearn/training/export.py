@@ -175,8 +175,8 @@ def describe(
         "data": {"plan": dataset.name, "digest": dataset.digest, "rows": len(dataset)},
         "view": view_of(run.inputs),
         "columns": [{"name": name, "unit": features.UNITS.get(name, "1")} for name in run.inputs],
-        "bands": features.BANDS,
-        "input_shape": [features.BANDS, len(array) ** 2] if tensor else [len(run.inputs)],
+        "bands": features.COVARIANCE_BANDS,
+        "input_shape": [features.COVARIANCE_BANDS, len(array) ** 2] if tensor else [len(run.inputs)],
         "label": {"name": metrics_["target"], "true": bundle.LABELS[metrics_["target"]]},
         "threshold": {
             "value": run.threshold,

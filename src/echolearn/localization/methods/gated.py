@@ -1,9 +1,7 @@
-"""S-NLS with the echo-gated direction: matched_view to the matched filters around the estimated
-time only.
+"""S-NLS with the echo-gated direction: from the matched filters around the estimated time only.
 
 TOA: S-NLS (Eq. 13); several echoes by RELAX. DOA: the strongest beam on the matched-filter outputs
-    aligned for phi,
-z_k = r_m(tau + k + eta_m(phi)), |k| <= GATE, M-vectors:
+aligned for phi, z_k = r_m(tau + k + eta_m(phi)), |k| <= GATE, M-vectors:
 
 - `das`, delay-and-sum: argmax over phi of sum_k (1' z_k)^2 = sum_k J(tau + k, phi)^2;
 - `mpdr`: argmax of 1 / (1' R_bar^-1 1), R_bar from Eq. 18 and R = sum_k z_k z_k', the steered
@@ -13,8 +11,8 @@ z_k = r_m(tau + k + eta_m(phi)), |k| <= GATE, M-vectors:
 The matched filter has concentrated the echo's energy into one instant, so noise and reverberation
 from all other times stay out, which the paper's direction lets in. The directions are the array's
 plane and its axis, so an echo from the floor or the ceiling, which a planar array cannot tell
-apart, is not mistaken for a wall. Echoes that arrive within `GATE` samples of each other share a
-gate, and so a direction; `joint` and `em` tell such echoes apart.
+from one another, is not mistaken for a wall. Echoes that arrive within `GATE` samples of each other
+share a gate, and so a direction; `joint` and `em` resolve such echoes.
 """
 
 from dataclasses import dataclass, field
@@ -22,19 +20,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import fft
 
-from echolearn.acoustics.geometry import SearchWindow, relative_delays
+from echolearn.acoustics.geometry import SearchWindow, direction
 from echolearn.acoustics.types import Array, Echoes, Observation
-from echolearn.checks import check, check_number, check_whole
-from echolearn.localization import beamforming, faults
-from echolearn.localization.matched_filter import (
-    GATE,
-    MatchedFilter,
-    check_echoes,
-    check_extent,
-    matched_view,
-)
-from echolearn.localization.methods.snls import reference_echoes
-from echolearn.localization.whitening import check_whiten
+from echolearn.checks import check, check_number
+from echolearn.localization.beamforming import invert, regularize
+from echolearn.localization.correlations import PAD, interpolate
+from echolearn.localization.estimates import reference_echoes
+from echolearn.localization.localizer import check_arguments, prepare
+from echolearn.localization.matched_filter import GATE, MatchedFilter, check_extent
 
 TABLE = 16
 """Points per lag of the table from which aligned outputs are read, linearly in between."""
@@ -50,7 +43,7 @@ class Gated:
         echoes: R; several are found by RELAX.
         beam: das or mpdr.
         gamma: regularisation of the covariance (Eq. 18); `das` has no use for it.
-        whiten: divide by the square root of the observation's `noise_psd` first.
+        whiten: whether to divide by the square root of the observation's `noise_psd` first.
     """
 
     window: SearchWindow = field(default_factory=SearchWindow)
@@ -61,70 +54,59 @@ class Gated:
     whiten: bool = False
 
     def __post_init__(self) -> None:
-        check_whole("localizer.azimuths", self.azimuths, low=8, high=3600)
-        check_whiten(self.whiten)
-        check_whole("localizer.echoes", self.echoes, low=1, high=64)
-        check(self.beam in ("das", "mpdr"), "localizer.beam", self.beam, allowed="das or mpdr")
+        check_arguments(self)
+        known = self.beam in ("das", "mpdr")
+        check(known, "localizer.beam", self.beam, allowed="must be das or mpdr")
         check_number("localizer.gamma", self.gamma, low=0.0, high=1.0)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
-        matched = matched_view(
-            observation,
-            self.window,
-            azimuths=self.azimuths,
-            whiten=self.whiten,
-            whole=False,
-            view=view,
-        )
+        matched = prepare(self, observation, view=view, whole=False, reference=True)
         check_extent(matched)
-        check_echoes(matched, self.echoes)
-        faults.tell(matched.silent, reference=True)
         times = reference_echoes(matched, self.echoes, fine=self.whiten)
-        index = matched.index(times.toa)
-        power = np.stack([self.spectrum(matched, column) for column in index.T], axis=1)
+        spectra = [self.spectrum(matched, index) for index in matched.index(times.toa).T]
+        power = np.stack(spectra, axis=1)
         best = power.argmax(axis=-1)
         azimuth, elevation = (angle[best] for angle in matched.directions)
-        fields = (times.toa, times.score, times.gain, azimuth, elevation, power.max(axis=-1))
-        return Echoes(*(np.asarray(value, dtype=float) for value in fields))
+        highest = power.max(axis=-1).astype(float)
+        return Echoes(times.toa, times.score, times.gain, azimuth, elevation, highest)
 
     def spectrum(self, matched: MatchedFilter, index: Array) -> Array:
         """Return the beam's power over directions around lag indices (B,), shape (B, A)."""
-        return (
-            matched.gated_power(index)
-            if self.beam == "das"
-            else gated_mpdr(matched, index, gamma=self.gamma)
-        )
+        if self.beam == "das":
+            return matched.gated_power(index)
+        return gated_mpdr(matched, index, gamma=self.gamma)
 
 
 def gated_mpdr(matched: MatchedFilter, index: Array, *, gamma: float = 0.1) -> Array:
-    """Return the steered minimum variance power around lag indices (B,), shape (B, A); silent
-    microphones left out.
+    """Return the steered minimum variance power, silent microphones left out, shape (B, A).
+
+    Args:
+        matched: recordings.
+        index: lag indices of the echoes, shape (B,).
+        gamma: regularisation of the covariance (Eq. 18).
     """
     aligned = aligned_outputs(matched, index)
-    covariances = beamforming.regularize(aligned @ np.swapaxes(aligned, -1, -2), gamma)
-    heard = (~matched.silent).astype(aligned.dtype)[:, None]
-    inverse = beamforming.invert(covariances)
-    quadratic = np.einsum(
-        "bamn,bam,ban->ba", inverse, *(np.broadcast_to(heard, aligned.shape[:3]),) * 2
-    )
+    inverse = invert(regularize(aligned @ np.swapaxes(aligned, -1, -2), gamma))
+    ones = (~matched.silent).astype(aligned.dtype)[:, None]
+    ones = np.broadcast_to(ones, aligned.shape[:3])
+    quadratic = np.einsum("bamn,bam,ban->ba", inverse, ones, ones)
     return 1.0 / np.maximum(quadratic, np.finfo(quadratic.dtype).tiny)
 
 
 def aligned_outputs(matched: MatchedFilter, index: Array) -> Array:
-    """Return z_k = r_m(tau + k + eta_m(phi)) for |k| <= GATE around lag indices (B,), shape (B, A, M, 2 GATE + 1)."""
+    """Return z_k for |k| <= `GATE` around lag indices (B,), shape (B, A, M, 2 GATE + 1)."""
     padded = matched.padded.astype(np.float32)
     size = padded.shape[-1]
-    table = beamforming.interpolate(fft.rfft(padded), size, TABLE)
-    eta = relative_delays(matched.observation.array, *matched.directions, 1.0) * matched.scale
-    lags = (
-        index[:, None, None, None] + beamforming.PAD + eta[..., None] + np.arange(-GATE, GATE + 1)
-    )
+    table = interpolate(fft.rfft(padded), size=size, finer=TABLE)
+
+    eta = matched.eta(direction(*matched.directions))
+    lags = index[:, None, None, None] + PAD + eta[..., None] + np.arange(-GATE, GATE + 1)
     place = np.clip(lags, 0, size - 2) * TABLE
     lower = np.floor(place).astype(np.int64)
-    rows, channels = (
-        np.arange(len(padded))[:, None, None, None],
-        np.arange(padded.shape[1])[:, None],
-    )
-    before, after = table[rows, channels, lower], table[rows, channels, lower + 1]
+
+    rows = np.arange(len(padded))[:, None, None, None]
+    channels = np.arange(padded.shape[1])[:, None]
+    before = table[rows, channels, lower]
+    after = table[rows, channels, lower + 1]
     return before + (place - lower).astype(np.float32) * (after - before)

@@ -1,33 +1,26 @@
 """Joint time and direction: the largest J(tau, phi) = sum_m r_m(tau + eta_m(phi)).
 
 All microphones are delayed for each direction in turn, summed, and correlated with the probe: the
-    matched filter for
-a plane wave of unknown time, direction and gain, which in independent white noise is the maximum
-likelihood estimate. The directions are the array's plane and its axis, as for `gated`. With several
-echoes, RELAX: each is subtracted and all are estimated again (`components.relax`).
+matched filter for a plane wave of unknown time, direction and gain, which in independent white
+noise is the maximum likelihood estimate. The directions are the array's plane and its axis, as for
+`gated`. With several echoes, RELAX: each is subtracted and all are estimated again (`relax`).
 
 `whiten: true` is the same in coloured noise, `whiten: spatial` in noise that is coloured and that
-the microphones share (`spatial.py`).
+the microphones share (`localization/spatial.py`).
 """
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.acoustics.types import Echoes, Observation
-from echolearn.checks import check_whole
-from echolearn.localization import beamforming, faults
-from echolearn.localization.matched_filter import (
-    MatchedFilter,
-    check_echoes,
-    joint_echoes,
-    joint_search,
-    matched_view,
-    several,
-)
-from echolearn.localization.spatial import Spatial, spatial, with_density
-from echolearn.localization.whitening import check_whiten
+from echolearn.acoustics.types import Array, Echoes, Observation
+from echolearn.localization.correlations import PAD
+from echolearn.localization.estimates import joint_echoes, joint_search, strongest_peaks
+from echolearn.localization.localizer import check_arguments, prepare
+from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.spatial import spatial
+from echolearn.localization.whitening import noise_coherence, with_density
 
 FINER_GRID = 2
 """Points of the grid per lag for whitened recordings, see `search.Search`."""
@@ -41,9 +34,9 @@ class Joint:
         window: where echoes are sought.
         azimuths: size of the azimuth grid (180 is 2 degrees).
         echoes: R, estimated per observation.
-        refine: look between the samples and the grid's directions.
-        whiten: divide by the square root of the observation's `noise_psd` first; "spatial" also
-            weighs microphones together by its `noise_covariance`.
+        refine: whether to look between the samples and the grid's directions.
+        whiten: whether to divide by the square root of the observation's `noise_psd` first;
+            "spatial" also weighs microphones together by its `noise_covariance`.
     """
 
     window: SearchWindow = field(default_factory=SearchWindow)
@@ -53,59 +46,45 @@ class Joint:
     whiten: bool | str = False
 
     def __post_init__(self) -> None:
-        check_whole("localizer.azimuths", self.azimuths, low=8, high=3600)
-        check_whole("localizer.echoes", self.echoes, low=1, high=64)
-        check_whiten(self.whiten, "spatial")
+        check_arguments(self, "spatial")
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         if self.whiten == "spatial":
             return self._weighted(observation)
-        matched = matched_view(
-            observation,
-            self.window,
-            azimuths=self.azimuths,
-            whiten=bool(self.whiten),
-            whole=False,
-            view=view,
-        )
-        check_echoes(matched, self.echoes)
-        faults.tell(matched.silent, reference=False)
+        matched = prepare(self, observation, view=view, whole=False, reference=False)
         search = joint_search(matched, refine=self.refine, finer=FINER_GRID if self.whiten else 1)
-        return joint_echoes(matched, search, several(matched, search, echoes=self.echoes))
+        return joint_echoes(matched, search, strongest_peaks(matched, search, echoes=self.echoes))
 
     def _weighted(self, observation: Observation) -> Echoes:
-        """Estimate with all microphones weighed together, those that do not hear left out of each
-        recording.
-        """
+        """Estimate with all microphones weighed together by the noise they share."""
         observation = with_density(observation)
-        white = matched_view(
-            observation, self.window, azimuths=self.azimuths, whiten=True, whole=False
-        )
-        check_echoes(white, self.echoes)
-        faults.tell(white.silent, reference=False)
-        patterns, which = np.unique(white.silent, axis=0, return_inverse=True)
-        found = np.empty((len(fields(Echoes)), len(which), self.echoes))
-        for number, silent in enumerate(patterns):
-            rows = which.ravel() == number
-            weighting = spatial(white.observation, observation, heard=~silent)
-            echoes = self._alike(
-                weighting, replace(white.observation, samples=white.observation.samples[rows])
-            )
-            found[:, rows] = [getattr(echoes, f.name) for f in fields(Echoes)]
-        return Echoes(*found)
+        white = prepare(self, observation, view=None, whole=False, reference=False)
+        coherence = noise_coherence(observation)
 
-    def _alike(self, weighting: Spatial, white: Observation) -> Echoes:
-        """Estimate from whitened recordings (B, M, N) that share their silent microphones."""
-        samples = weighting.whiten(white.samples)
-        matched = MatchedFilter(replace(white, samples=samples), self.window, self.azimuths)
-        lags = {"first": matched.first - beamforming.PAD, "last": matched.last + beamforming.PAD}
-        weights = np.ones(samples.shape[:2])
-        search = replace(
-            joint_search(matched, weights=weights, refine=self.refine, finer=FINER_GRID),
-            spatial=weighting,
+        # Recordings with the same silent microphones have one weighting.
+        patterns, which = np.unique(white.silent, axis=0, return_inverse=True)
+        found: dict[str, Array] = {}
+        for number, silent in enumerate(patterns):
+            rows = np.flatnonzero(which.ravel() == number)
+            for name, values in vars(self._alike(white, coherence, rows, silent)).items():
+                whole = found.setdefault(name, np.empty((len(which), self.echoes)))
+                whole[rows] = values
+        return Echoes(**found)
+
+    def _alike(self, view: MatchedFilter, coherence: Array, rows: Array, silent: Array) -> Echoes:
+        """Estimate from some of the whitened recordings, which share their silent microphones."""
+        white = view.observation
+        weighting = spatial(white, coherence, silent=silent)
+        samples = white.samples[rows]
+        whiter = MatchedFilter(
+            replace(white, samples=weighting.whiten(samples)), self.window, self.azimuths
         )
-        padded = weighting.correlate(white.samples, **lags)
-        return joint_echoes(
-            matched, search, several(matched, search, echoes=self.echoes, padded=padded)
+        matched = whiter.with_outputs(
+            weighting.correlate(samples, first=view.first - PAD, last=view.last + PAD)
         )
+        search = joint_search(
+            matched, weights=np.ones(samples.shape[:2]), refine=self.refine, finer=FINER_GRID
+        )
+        search = replace(search, spatial=weighting)
+        return joint_echoes(matched, search, strongest_peaks(matched, search, echoes=self.echoes))

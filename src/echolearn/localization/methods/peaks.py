@@ -1,13 +1,12 @@
 """RIR-PP: estimate the room impulse response at microphone 1, pick its peaks.
 
-    H1(f) = G_xy / (G_xx + loading * mean G_xx),       h = ifft(H1),       tau = argmax h in the window
+    H1(f) = G_xy / (G_xx + loading * mean G_xx),    h = ifft(H1),    tau = argmax h in the window
 
 x is the probe and y the recording, one block of N samples each. Plain (`loading` 0), as the paper's
-comparison, it
-divides by whatever little the probe has at some frequencies, and so amplifies the noise there: a
-    random burst's
-|S(f)|^2 comes close to zero many times. With `loading` it is the fair version, and tends to the matched filter as
-`loading` grows. The direction is that of `snls`, the whole-recording SRP-MPDR.
+comparison, it divides by whatever little the probe has at some frequencies, and so amplifies the
+noise there: a random burst's |S(f)|^2 comes close to zero many times. With `loading` it is the fair
+version, and tends to the matched filter as `loading` grows. The direction is that of `snls`, the
+whole-recording SRP-MPDR.
 """
 
 from dataclasses import dataclass, field
@@ -17,11 +16,10 @@ from scipy import fft
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, Echoes, Observation
-from echolearn.checks import check_number, check_whole
-from echolearn.localization import faults
-from echolearn.localization.matched_filter import APART, MatchedFilter, check_echoes, matched_view
-from echolearn.localization.methods.snls import paired, timed
-from echolearn.localization.whitening import check_whiten
+from echolearn.checks import check_number
+from echolearn.localization.estimates import echoes_at, mpdr_echoes
+from echolearn.localization.localizer import check_arguments, prepare
+from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
 
 
 @dataclass(frozen=True)
@@ -32,9 +30,9 @@ class Peaks:
         window: where echoes are sought.
         azimuths: size of the azimuth grid (180 is 2 degrees).
         gamma: regularisation of the covariance (Eq. 18).
-        echoes: R, the highest peaks at least `matched.APART` samples apart.
-        loading: added to the probe's power density, relative to its mean; 0 is plain division.
-        whiten: divide by the square root of the observation's `noise_psd` first.
+        echoes: R, the highest peaks at least `matched_filter.PEAK_SPACING` samples apart.
+        loading: addition to the probe's power density, relative to its mean; 0 is plain division.
+        whiten: whether to divide by the square root of the observation's `noise_psd` first.
     """
 
     window: SearchWindow = field(default_factory=SearchWindow)
@@ -45,26 +43,16 @@ class Peaks:
     whiten: bool = False
 
     def __post_init__(self) -> None:
-        check_whole("localizer.azimuths", self.azimuths, low=8, high=3600)
-        check_whiten(self.whiten)
+        check_arguments(self)
         check_number("localizer.gamma", self.gamma, low=0.0, high=1.0)
-        check_whole("localizer.echoes", self.echoes, low=1, high=64)
         check_number("localizer.loading", self.loading, low=0.0, high=1e6)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the highest peaks of each observation, samples (B, M, N) -> fields (B, R)."""
-        matched = matched_view(
-            observation,
-            self.window,
-            azimuths=self.azimuths,
-            whiten=self.whiten,
-            whole=True,
-            view=view,
-        )
-        check_echoes(matched, self.echoes)
-        faults.tell(matched.silent, reference=True)
+        matched = prepare(self, observation, view=view, whole=True, reference=True)
         index = highest(response(matched, self.loading), self.echoes)
-        return paired(matched, timed(matched, index), azimuths=self.azimuths, gamma=self.gamma)
+        times = echoes_at(matched, index)
+        return mpdr_echoes(matched, times, azimuths=self.azimuths, gamma=self.gamma)
 
 
 def response(matched: MatchedFilter, loading: float) -> Array:
@@ -72,19 +60,25 @@ def response(matched: MatchedFilter, loading: float) -> Array:
     observation = matched.observation
     size = fft.next_fast_len(observation.samples.shape[-1], real=True)
     emitted = fft.rfft(observation.probe.samples, size)
-    density = np.abs(emitted) ** 2
-    density = density + loading * float(np.sum(observation.probe.samples**2))
+    density = np.abs(emitted) ** 2 + loading * float(np.sum(observation.probe.samples**2))
     inverse = emitted.conj() / np.maximum(density, np.finfo(float).tiny)
     estimate = fft.irfft(fft.rfft(observation.samples[:, 0], size) * inverse, size)
     return estimate[:, matched.first : matched.last + 1]
 
 
-def highest(curve: Array, count: int, *, apart: int = APART) -> Array:
-    """Return the lags (B, count) of the highest values of `curve` (B, L), each `apart` from those
-    before it.
+def highest(curve: Array, count: int, *, spacing: int = PEAK_SPACING) -> Array:
+    """Return the lags (B, count) of the highest values, each `spacing` from those before it.
+
+    Args:
+        curve: shape (B, L).
+        count: number of lags.
+        spacing: least distance between two of them, in lags.
     """
-    left, lags, found = curve.copy(), np.arange(curve.shape[-1]), []
+    left = curve.copy()
+    lags = np.arange(curve.shape[-1])
+    found = []
     for _ in range(count):
-        found.append(left.argmax(axis=-1))
-        left[np.abs(lags - found[-1][:, None]) < apart] = -np.inf
+        best = left.argmax(axis=-1)
+        left[np.abs(lags - best[:, None]) < spacing] = -np.inf
+        found.append(best)
     return np.stack(found, axis=-1)

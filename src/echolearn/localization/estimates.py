@@ -1,0 +1,215 @@
+"""From the matched filters to echoes: the steps that localizers share.
+
+Times of several echoes come from RELAX, on one microphone or on all; directions from the search
+itself, or from the highest peaks of the whole-recording MPDR power. A localizer is made of these
+steps and of what is its own.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from echolearn.acoustics.geometry import direction
+from echolearn.acoustics.types import Array, Echoes, MicArray
+from echolearn.localization import beamforming, correlations, faults
+from echolearn.localization.matched_filter import MatchedFilter, check_extent
+from echolearn.localization.relax import relax
+from echolearn.localization.search import Peak, Search
+
+FINER = 4
+"""Points per lag at which one whitened recording is searched, see `search.Search`."""
+
+
+def joint_search(
+    matched: MatchedFilter, *, weights: Array | None = None, refine: bool = True, finer: int = 1
+) -> Search:
+    """Return the search of J over all microphones.
+
+    Args:
+        matched: recordings.
+        weights: of the microphones, shape (B, M); 1, and 0 for silent ones, unless given.
+        refine: climb between the points of the grid.
+        finer: points of the grid per lag.
+    """
+    check_extent(matched)
+    if weights is None:
+        weights = (~matched.silent).astype(float)
+    observation = matched.observation
+    return Search(
+        observation.array,
+        matched.directions,
+        matched.scale,
+        weights,
+        observation.probe.samples,
+        refine=refine,
+        finer=finer,
+    )
+
+
+def reference_search(matched: MatchedFilter, *, refine: bool = True, finer: int = 1) -> Search:
+    """Return the search of r_1, the matched filter of microphone 1 alone.
+
+    Args:
+        matched: recordings.
+        refine: climb between the points of the grid.
+        finer: points of the grid per lag.
+    """
+    observation = matched.observation
+    anywhere = np.zeros(1)
+    return Search(
+        MicArray(observation.array.positions[:1]),
+        (anywhere, anywhere),
+        matched.scale,
+        np.ones((len(observation.samples), 1)),
+        observation.probe.samples,
+        refine=refine,
+        finer=finer,
+    )
+
+
+def strongest_peaks(matched: MatchedFilter, search: Search, *, echoes: int) -> list[Peak]:
+    """Return R echoes by RELAX, of all microphones or of the first, as the search has them.
+
+    Args:
+        matched: recordings.
+        search: over their matched filters.
+        echoes: R.
+    """
+    microphones = len(search.array)
+    # J on the grid may be known from the view, for one or the other localizer and the features.
+    known = search.is_plain(len(matched.observation.array))
+    return relax(
+        matched.padded[:, :microphones],
+        search,
+        echoes=echoes,
+        energy=faults.energies(matched.observation.samples[:, :microphones]),
+        surface=matched.steered if known else None,
+    )
+
+
+def joint_echoes(matched: MatchedFilter, search: Search, peaks: Sequence[Peak]) -> Echoes:
+    """Return peaks of J as echoes, fields (B, R), the strongest first.
+
+    The score is that of all microphones together, E_m the energy under the aligned probe:
+    score = J / (||s|| sqrt(sum_m w_m) sqrt(sum_m w_m E_m)). The power is J^2.
+
+    Args:
+        matched: recordings.
+        search: that found the peaks.
+        peaks: R of each observation.
+    """
+    rows = []
+    for peak in peaks:
+        delays = np.rint(search.delays(peak[:3])).astype(int)
+        index = np.clip(delays, 0, matched.last - matched.first)
+        energy = np.take_along_axis(matched.energy, index[..., None], axis=-1)[..., 0]
+        share = search.share(peak.azimuth, peak.elevation)
+        largest = share * (search.weights * energy).sum(axis=-1) * matched.probe_energy
+        score = peak.height / np.sqrt(np.where(largest > 0, largest, np.inf))
+        rows.append([*peak, np.clip(score, -1.0, 1.0)])
+    lag, azimuth, elevation, gain, height, score = _strongest_first(np.stack(rows, axis=-1))
+    return Echoes(matched.toa(lag), score, gain, azimuth, elevation, height**2)
+
+
+def _strongest_first(columns: Array) -> Array:
+    """Return columns of echoes (K, B, R), of which number 3 is the gain, by falling gain."""
+    order = np.argsort(-columns[3], axis=-1, kind="stable")
+    return np.take_along_axis(columns, order[None], axis=-1)
+
+
+def echoes_at(matched: MatchedFilter, index: Array) -> Echoes:
+    """Return echoes at lag indices (B, R) of microphone 1, directions unknown."""
+    return _without_directions(matched.toa(index), matched.score(index), matched.gain(index))
+
+
+def _without_directions(toa: Array, score: Array, gain: Array) -> Echoes:
+    unknown = np.zeros(toa.shape)
+    return Echoes(toa, score, gain, unknown, unknown, unknown)
+
+
+def reference_echoes(matched: MatchedFilter, echoes: int, *, fine: bool = False) -> Echoes:
+    """Return times, scores and gains at microphone 1, fields (B, R), directions unknown.
+
+    S-NLS on whole samples; with R > 1, or where asked to be fine, RELAX between them.
+
+    Args:
+        matched: recordings.
+        echoes: R.
+        fine: look between samples even for one echo.
+    """
+    if echoes == 1 and not fine:
+        return echoes_at(matched, matched.strongest[:, None])
+    search = reference_search(matched, finer=FINER if fine else 1)
+    peaks = strongest_peaks(matched, search, echoes=echoes)
+    lag, _, _, gain, _ = _strongest_first(np.stack(peaks, axis=-1))
+    under = np.take_along_axis(matched.energy[:, 0], np.rint(lag).astype(int), axis=-1)
+    score = gain * np.sqrt(matched.probe_energy / np.where(under > 0, under, np.inf))
+    return _without_directions(matched.toa(lag), np.clip(score, -1.0, 1.0), gain)
+
+
+def mpdr_echoes(
+    matched: MatchedFilter, times: Echoes, *, azimuths: int, gamma: float, elevations: int = 1
+) -> Echoes:
+    """Return echoes (B, R) with the directions of the highest peaks of the whole-recording MPDR.
+
+    Several echoes share the R highest peaks, each direction once.
+
+    Args:
+        matched: recordings.
+        times: the echoes, directions unknown, fields (B, R).
+        azimuths, elevations: sizes of `beamforming.direction_grid`.
+        gamma: regularisation of the covariance (Eq. 18).
+    """
+    power = beamforming.mpdr_spectrum_without(
+        matched.observation,
+        matched.silent,
+        azimuths=azimuths,
+        elevations=elevations,
+        gamma=gamma,
+    )
+    best = power.argmax(axis=-1)[:, None]
+    echoes = times.toa.shape[-1]
+    if echoes > 1:
+        best = assign(matched, times.toa, summits=summits(power, echoes))
+    azimuth, elevation = (a[best] for a in beamforming.direction_grid(azimuths, elevations))
+    steered = np.take_along_axis(power, best, axis=-1).astype(float)
+    return Echoes(times.toa, times.score, times.gain, azimuth, elevation, steered)
+
+
+def summits(power: Array, count: int) -> Array:
+    """Return the indices of the highest local maxima over a circle, from (B, A) to (B, count).
+
+    Where there are fewer, the highest is repeated.
+    """
+    local = (power > np.roll(power, 1, axis=-1)) & (power >= np.roll(power, -1, axis=-1))
+    height = np.where(local, power, -np.inf)
+    order = np.argsort(-height, axis=-1, kind="stable")[:, :count]
+    best = power.argmax(axis=-1)[:, None]
+    return np.where(np.isfinite(np.take_along_axis(height, order, axis=-1)), order, best)
+
+
+def assign(matched: MatchedFilter, toa: Array, *, summits: Array) -> Array:
+    """Return which direction each time has, each direction once, indices (B, R).
+
+    The pair with the largest J(tau, phi) is made first, then that of the rest.
+
+    Args:
+        matched: recordings.
+        toa: times of arrival, shape (B, R), in s.
+        summits: directions to choose from, indices of the azimuth grid, shape (B, R).
+    """
+    azimuth = beamforming.azimuth_grid(matched.azimuths)[summits]
+    eta = matched.eta(direction(azimuth, np.pi / 2))
+    steered = correlations.advance(matched.padded, eta).sum(axis=-2)
+    index = matched.index(toa)[:, None, :] + correlations.PAD
+    alike = np.swapaxes(np.take_along_axis(steered, index, axis=-1), 1, 2)
+
+    rows = np.arange(len(toa))
+    chosen = np.zeros(toa.shape, dtype=int)
+    for _ in range(toa.shape[-1]):
+        best = alike.reshape(len(toa), -1).argmax(axis=-1)
+        time, way = np.unravel_index(best, alike.shape[1:])
+        chosen[rows, time] = summits[rows, way]
+        alike[rows, time, :] = -np.inf
+        alike[rows, :, way] = -np.inf
+    return chosen
