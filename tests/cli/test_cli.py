@@ -167,7 +167,7 @@ def test_a_configuration_can_be_shown_instead_of_run(
         (
             "generate scene._target_=os.system",
             1,
-            "_target_=os.system: something defined in echolearn.*",
+            "_target_=os.system: must be a function or class defined in echolearn.*",
         ),
         (
             "train plan=tiny",

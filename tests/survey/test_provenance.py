@@ -77,10 +77,10 @@ def test_a_survey_that_would_not_be_read_is_not_begun(brief: Scene, tmp_path: Pa
 
 def test_what_is_sealed_is_whole(folder: Path) -> None:
     assert (
-        proof.prove(folder) == "readable, 2 recordings; there is no manifest.json to prove them by"
+        proof.verify(folder) == "readable, 2 recordings; there is no manifest.json to prove them by"
     )
     assert proof.seal(folder) == 5
-    assert proof.prove(folder) == "whole, 5 files; readable, 2 recordings"
+    assert proof.verify(folder) == "whole, 5 files; readable, 2 recordings"
     with pytest.raises(BadValue, match="one without manifest.json"):
         proof.seal(folder)
 
@@ -107,7 +107,7 @@ def named_otherwise(folder: Path) -> None:
     for name in ("a.wav", "b.raw"):
         (folder / name).write_bytes(audio.wav_bytes(samples, 22050.0))
     (folder / "poses.csv").write_text((folder / "poses.csv").read_text().replace("b.wav", "b.raw"))
-    assert "readable" in proof.prove(folder)
+    assert "readable" in proof.verify(folder)
 
 
 @pytest.mark.parametrize(

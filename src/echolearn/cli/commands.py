@@ -1,143 +1,166 @@
-"""The commands, each on a few lines: what it builds from its configuration, which function it
-calls, what it returns.
+"""The commands: each builds what its configuration describes, and makes one call of the library.
 
-A command receives plain containers, as `config.compose` gives them, and returns where the result
-is. Libraries are imported inside, so that asking for help stays fast.
+    configuration --build--> arguments --one call--> where the result is
+
+A command receives plain containers, as `compose.compose` returns them; its docstring is what
+`echolearn --help` says. Libraries are imported inside, so that asking for help stays fast.
 """
 
 import shlex
 from collections.abc import Callable
-from functools import cache
+from dataclasses import fields
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from echolearn.storage.identity import by_short_names
-
 if TYPE_CHECKING:
+    from echolearn.cli.config import Config
     from echolearn.dataset.labelled_set import Dataset
 
-Config = dict[str, Any]
 
-
-def generate(config: Config) -> Path:
+def _generate(config: "Config") -> Path:
     """Make the labelled set of a plan; continues where it was interrupted."""
-    from echolearn.cli.config import build
     from echolearn.dataset.generate import generate
 
-    plan, engine = build(config["plan"], "plan"), build(config["engine"], "engine")
-    words = [
-        word
-        for word in shlex.split(config["command"])
-        if not word.startswith(("engine", "workers="))
-    ]
-    return generate(plan, runs=Path(config["runs"]), engine=engine, command=shlex.join(words))
-
-
-def train(config: Config) -> Path:
-    """Train a classifier on the set of a plan, calibrate, export and judge it."""
-    from echolearn.checks import check
-    from echolearn.cli.config import build
-    from echolearn.dataset.generate import folder_of
-    from echolearn.training.split import Task
-    from echolearn.training.train import train as fit
-
-    runs, about = Path(config["runs"]), config["classifier"]
-    folder = folder_of(build(config["plan"], "plan"), runs)
-    hint = f"run: echolearn generate plan={config['choice']['plan']}"
-    check(
-        folder.is_dir(),
-        "plan",
-        folder.name,
-        allowed=f"a set that exists under {folder.parent}",
-        hint=hint,
-    )
-    dataset = open_set(folder.resolve())
-    task = Task(
-        dataset,
-        **{
-            key: config[key]
-            for key in ("target", "seed", "split", "test_share", "validation_share")
-        },
-    )
-    result = fit(
-        task,
-        name=config["name"],
-        classifier=lambda: build(about, "classifier"),
-        config=by_short_names(about),
-        runs=runs,
-        folds=config["folds"],
-        command=config["command"],
-    )
-    return runs / "train" / str(result["run"])
-
-
-@cache
-def open_set(folder: Path) -> "Dataset":
-    """Open a set, once for all the jobs of a multirun."""
-    from echolearn.dataset.labelled_set import Dataset
-
-    return Dataset(folder)
-
-
-def survey(config: Config) -> Path:
-    """Simulate a robot's walk through a room and store its recordings."""
-    from echolearn.cli.config import build
-    from echolearn.simulation.levels import NoiseLevels
-    from echolearn.simulation.survey import survey as walk
-
-    about = build(without(config, "choice rir noise diffuse runs snr_db sdnr_db pings"))
-    levels = NoiseLevels(config["snr_db"], config["sdnr_db"], config["pings"])
-    return walk(**about, levels=levels, runs=Path(config["runs"]))
-
-
-def compare(config: Config) -> None:
-    """Compare every trained run on every test set and survey: tables, tests, figures, report."""
-    from echolearn.cli.config import build
-    from echolearn.comparison.compare import compare as judge
-
-    readme = Path(config["readme"]) if config["readme"] else None
-    judge(
-        **build(without(config, "choice window runs readme")),
+    return generate(
         runs=Path(config["runs"]),
-        readme=readme,
+        **_built(config, "plan engine"),
+        command=_leave_out(("engine", "workers="), config["command"]),
     )
 
 
-def study(config: Config) -> None:
-    """Measure every localizer's accuracy against SNR, reverberation, rotor noise or faults."""
+def _train(config: "Config") -> Path:
+    """Train a classifier on the set of a plan, calibrate, export and evaluate it."""
     from echolearn.cli.config import build
+    from echolearn.storage.identity import by_short_names
+    from echolearn.training.split import Task
+    from echolearn.training.train import train
+
+    classifier = config["classifier"]
+    division = _built(config, "target seed split test_share validation_share")
+    result = train(
+        Task(_open_set(config), **division),
+        # Built only if it has to be trained, since its library takes seconds to load.
+        classifier=partial(build, classifier, "classifier"),
+        config=by_short_names(classifier),
+        runs=Path(config["runs"]),
+        **_built(config, "name folds command"),
+    )
+    return Path(config["runs"]) / "train" / str(result["run"])
+
+
+def _survey(config: "Config") -> Path:
+    """Simulate a robot's walk through a room and store its recordings."""
+    from echolearn.simulation.levels import NoiseLevels
+    from echolearn.simulation.survey import survey
+
+    return survey(
+        levels=NoiseLevels(config["snr_db"], config["sdnr_db"], config["pings"]),
+        runs=Path(config["runs"]),
+        **_built(config, "name room scene poses start seed noise_seconds command"),
+    )
+
+
+def _compare(config: "Config") -> None:
+    """Compare every trained run on every test set and survey: tables, tests, figures, report."""
+    from echolearn.comparison.compare import compare
+
+    compare(
+        runs=Path(config["runs"]),
+        readme=_path(config["readme"]),
+        **_built(config, "name tested surveys localizers workers resamples command"),
+    )
+
+
+def _study(config: "Config") -> None:
+    """Measure every localizer's accuracy against SNR, reverberation, rotor noise or faults."""
     from echolearn.studies.page import check_page, publish
     from echolearn.studies.run import run_study
     from echolearn.studies.study import Study
 
-    page, outside = Path(config["page"] or ""), ("name", "runs", "workers", "resamples", "command")
-    if config["page"]:
+    page = _path(config["page"])
+    if page:
+        # Before the work of an hour.
         check_page(page, config["name"])
-    about = build(without(config, "choice rir noise diffuse page " + " ".join(outside)), "study")
-    words = [
-        word
-        for word in shlex.split(config["command"])
-        if not word.startswith(("page=", "workers="))
-    ]
-    given = {key: config[key] for key in outside} | {
-        "runs": Path(config["runs"]),
-        "command": shlex.join(words),
-    }
-    folder = run_study(Study(**about), **given)
-    if config["page"]:
-        publish(folder, page)
-
-
-def bench(config: Config) -> Path:
-    """Time every stage beside its peers; write tables and figures."""
-    from echolearn.bench.run import bench as measure
-    from echolearn.cli.config import build
-
-    given = build(without(config, "choice scene rir noise localizer window runs page scaling"))
-    pages = {key: Path(config[key]) if config[key] else None for key in ("page", "scaling")}
-    return measure(
-        **given | pages, localizers=localizers(config["choice"]["plan"]), runs=Path(config["runs"])
+    keys = " ".join(field.name for field in fields(Study))
+    made = run_study(
+        Study(**_built(config, keys, prefix="study.")),
+        runs=Path(config["runs"]),
+        command=_leave_out(("page=", "workers="), config["command"]),
+        **_built(config, "name workers resamples"),
     )
+    if page:
+        publish(made, page)
+
+
+def _bench(config: "Config") -> Path:
+    """Time every stage beside its peers; write tables and figures."""
+    from echolearn.bench.run import bench
+
+    return bench(
+        localizers=localizers(config["choice"]["plan"]),
+        runs=Path(config["runs"]),
+        page=_path(config["page"]),
+        scaling=_path(config["scaling"]),
+        **_built(config, "plan growing stages workers repetitions long_repetitions seconds batch"),
+        **_built(config, "positions rows t60 peer_t60 microphones azimuths command"),
+    )
+
+
+def _export(config: "Config") -> Path:
+    """Make a trained run a bundle: a folder that a robot loads with numpy and onnxruntime alone."""
+    from echolearn.training.export import export
+
+    return export(
+        run=_path(config["run"]),
+        best=_path(config["best"]),
+        runs=Path(config["runs"]),
+        **_built(config["scene"], "array probe", prefix="scene."),
+        **_built(config, "name resamples command"),
+    )
+
+
+def _map(config: "Config") -> Path:
+    """Map a recorded survey with a bundle: points, walls, an occupancy grid, a drawing."""
+    from echolearn.robot.survey_map import draw
+
+    return draw(
+        survey=_needed(config, "survey", "must be a folder in the recorded-survey format"),
+        bundle=_needed(config, "bundle", "must be a folder that echolearn export wrote"),
+        runs=Path(config["runs"]),
+        **_built(config, "name resolution resample direct ros command"),
+    )
+
+
+COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
+    "generate": _generate,
+    "train": _train,
+    "survey": _survey,
+    "compare": _compare,
+    "study": _study,
+    "bench": _bench,
+    "export": _export,
+    "map": _map,
+}
+
+
+def verify_folder(name: str) -> str:
+    """Check every byte of finished folders; of a bundle, also what its model computes."""
+    from echolearn.checks import check
+    from echolearn.storage import manifests
+
+    allowed = "must be a folder that echolearn made"
+    check(name != "", "folder", "", allowed=allowed, hint="is a variable of the shell empty?")
+    place = Path(name)
+    if (place / manifests.BUNDLE).is_file():
+        from echolearn.robot import scorer
+
+        return f"{name}: {scorer.verify(place)}"
+    if (place / "survey.yaml").exists():
+        from echolearn.survey import proof
+
+        return f"{name}: {proof.verify(place)}"
+    return f"{name}: whole, {len(manifests.verify(place)['files'])} files"
 
 
 def localizers(plan: str) -> dict[str, Any]:
@@ -145,78 +168,52 @@ def localizers(plan: str) -> dict[str, Any]:
     from echolearn.cli.compose import compose
     from echolearn.cli.config import build, folder
 
-    names = ",".join(sorted(path.stem for path in (folder() / "localizer").glob("*.yaml")))
-    jobs = compose("generate", [f"plan={plan}", f"localizer={names}"], many=True)
+    names = sorted(path.stem for path in (folder() / "localizer").glob("*.yaml"))
+    jobs = compose("generate", [f"plan={plan}", f"localizer={','.join(names)}"], many=True)
     return {job["choice"]["localizer"]: build(job["localizer"], "localizer") for _, job in jobs}
 
 
-def export(config: Config) -> Path:
-    """Make a trained run a bundle: a folder that a robot loads with numpy and onnxruntime alone."""
+def _open_set(config: "Config") -> "Dataset":
+    """Open the set of a configuration's plan."""
+    from echolearn.checks import check
+    from echolearn.dataset.generate import folder_of
+
+    place = folder_of(**_built(config, "plan"), runs=Path(config["runs"]))
+    allowed = f"must be a set that exists under {place.parent}"
+    hint = f"run: echolearn generate plan={config['choice']['plan']}"
+    check(place.is_dir(), "plan", place.name, allowed=allowed, hint=hint)
+    return _opened(place.resolve())
+
+
+@cache
+def _opened(place: Path) -> "Dataset":
+    """Open a set once for all the jobs of a multirun: every byte of it is checked."""
+    from echolearn.dataset.labelled_set import Dataset
+
+    return Dataset(place)
+
+
+def _built(config: "Config", keys: str, *, prefix: str = "") -> "Config":
+    """Return some keys of a configuration, built; their names are separated by blanks."""
     from echolearn.cli.config import build
-    from echolearn.training.export import export as pack
 
-    run, best = (Path(config[key]) if config[key] else None for key in ("run", "best"))
-    carried = {key: build(config["scene"][key], f"scene.{key}") for key in ("array", "probe")}
-    rest = {key: config[key] for key in ("name", "resamples", "command")}
-    return pack(run=run, best=best, runs=Path(config["runs"]), **carried, **rest)
+    return {key: build(config[key], f"{prefix}{key}") for key in keys.split()}
 
 
-def draw(config: Config) -> Path:
-    """Map a recorded survey with a bundle: points, walls, an occupancy grid, a drawing."""
+def _path(text: str | None) -> Path | None:
+    return Path(text) if text else None
+
+
+def _needed(config: "Config", key: str, allowed: str) -> Path:
+    """Return the folder that a key names, which has no default."""
     from echolearn.checks import check
-    from echolearn.robot.survey_map import draw as chart
 
-    for key, hint in (
-        ("survey", "a folder in the recorded-survey format"),
-        ("bundle", "a folder of echolearn export"),
-    ):
-        check(
-            bool(config[key]),
-            key,
-            config[key],
-            allowed=hint,
-            hint=f"name it: echolearn map {key}=<folder>",
-        )
-    survey, bundle, runs = (Path(config[key]) for key in ("survey", "bundle", "runs"))
-    rest = {
-        key: config[key] for key in ("name", "resolution", "resample", "direct", "ros", "command")
-    }
-    return chart(survey=survey, bundle=bundle, runs=runs, **rest)
+    hint = f"name it: echolearn map {key}=<folder>"
+    check(bool(config[key]), key, config[key], allowed=allowed, hint=hint)
+    return Path(config[key])
 
 
-def verify(folder: str) -> str:
-    """Re-prove finished folders: every file's size and checksum; of a bundle, also what its model
-    computes.
-    """
-    from echolearn.checks import check
-    from echolearn.storage import manifests
-
-    check(
-        folder != "",
-        "folder",
-        "",
-        allowed="must be a folder that echolearn made",
-        hint="is a variable of the shell empty?",
-    )
-    place = Path(folder)
-    if (place / manifests.BUNDLE).is_file():
-        from echolearn.robot.scorer import prove
-
-        return f"{folder}: {prove(place)}"
-    if (place / "survey.yaml").exists():
-        from echolearn.survey.proof import prove as hear
-
-        return f"{folder}: {hear(place)}"
-    return f"{folder}: whole, {len(manifests.verify(place)['files'])} files"
-
-
-COMMANDS: dict[str, Callable[[Config], Path | None]] = {
-    "generate": generate,
-    "train": train,
-    "survey": survey,
-    "compare": compare,
-    "study": study,
-    "bench": bench,
-    "export": export,
-    "map": draw,
-}
+def _leave_out(beginnings: tuple[str, ...], command: str) -> str:
+    """Return a command line without the words that have no influence on what it makes."""
+    words = [word for word in shlex.split(command) if not word.startswith(beginnings)]
+    return shlex.join(words)

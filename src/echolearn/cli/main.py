@@ -12,8 +12,9 @@ from collections.abc import Sequence
 from importlib import import_module
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
-from echolearn.cli.commands import COMMANDS, Config, verify
+from echolearn.cli.commands import COMMANDS, verify_folder
 
 HELP = """usage: echolearn <command> [key=value ...] [options]
 
@@ -105,7 +106,7 @@ def overview() -> str:
 
     lines = [
         f"  {name:10}{(function.__doc__ or '').strip()}"
-        for name, function in [*COMMANDS.items(), ("verify", verify)]
+        for name, function in [*COMMANDS.items(), ("verify", verify_folder)]
     ]
     return HELP.format(
         summary=(echolearn.__doc__ or "").split("\n")[0], commands="\n".join(lines)
@@ -117,7 +118,7 @@ def explain(command: str) -> str:
     from echolearn.cli import config
 
     if command == "verify":
-        return f"usage: echolearn verify <folder> ...\n\n{verify.__doc__}"
+        return f"usage: echolearn verify <folder> ...\n\n{verify_folder.__doc__}"
     head, _, keys = (config.folder() / f"{command}.yaml").read_text().partition("\n\n")
     listed = head.partition("defaults:\n")[2].splitlines()
     groups = [line.strip(" -").partition(":")[0].partition("@")[0] for line in listed]
@@ -145,9 +146,9 @@ def verify_all(folders: Sequence[str], *, trace: bool) -> None:
                 f"{folder}: there is no such option; verify takes folders, ./{folder} if it is one"
             )
     if len(folders) == 1:
-        print(verify(folders[0]))
+        print(verify_folder(folders[0]))
     else:
-        run_all(verify, [(folder, folder) for folder in folders], trace=trace)
+        run_all(verify_folder, [(folder, folder) for folder in folders], trace=trace)
 
 
 def run(command: str, words: Sequence[str], *, trace: bool) -> None:
@@ -172,7 +173,7 @@ def run(command: str, words: Sequence[str], *, trace: bool) -> None:
 
 def composed(
     command: str, options: Namespace, sweeps: Sequence[Sequence[str]]
-) -> list[tuple[str, Config]]:
+) -> list[tuple[str, dict[str, Any]]]:
     """Return the jobs of all sweeps, each with a folder to write to; meanwhile what the command
     needs is imported.
 
@@ -184,7 +185,7 @@ def composed(
     from echolearn.cli.config import UsageError
     from echolearn.runtime.processes import meanwhile
 
-    def work() -> list[tuple[str, Config]]:
+    def work() -> list[tuple[str, dict[str, Any]]]:
         return [
             job
             for sweep in sweeps
@@ -235,7 +236,7 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:
     return options, launcher, [[*common, *sweep] for sweep in sweeps or [[]]]
 
 
-def show(config: Config) -> None:
+def show(config: dict[str, Any]) -> None:
     """Print a configuration."""
     import yaml
 

@@ -249,7 +249,7 @@ def load(path: str | Path) -> Scorer:
     return Scorer(read, compute)
 
 
-def prove(path: Path) -> str:
+def verify(path: Path) -> str:
     """Return what there is to say of a sound bundle.
 
     Raises:

@@ -112,7 +112,7 @@ def seal(folder: Path) -> int:
     return len(names)
 
 
-def prove(folder: Path) -> str:
+def verify(folder: Path) -> str:
     """Prove a survey by its manifest, read every recording of it, and say what there is.
 
     Raises:
