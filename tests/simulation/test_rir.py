@@ -1,6 +1,9 @@
 """Both engines against closed forms, against each other, and against the laws of a shoebox."""
 
 import itertools
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +12,9 @@ import pytest
 from echolearn.acoustics.geometry import circular_array, microphone_positions
 from echolearn.acoustics.types import Array, Pose, Responder, Room
 from echolearn.checks import BadValue
-from echolearn.simulation.rir import machine
-from echolearn.simulation.rir.images import Images, fractional_delay
+from echolearn.simulation import image_loops
+from echolearn.simulation.image_loops import fractional_delay
+from echolearn.simulation.rir.images import Images
 from echolearn.simulation.rir.pyroom import Pyroom, complete_order
 
 RATE, SPEED = 22_050.0, 343.0
@@ -300,15 +304,11 @@ def test_pyroom_needs_a_whole_sample_rate_and_a_bool() -> None:
         Pyroom(complete="perhaps")  # type: ignore[arg-type]
 
 
-def test_code_is_kept_where_the_user_has_a_home_and_beside_the_package_where_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As in a container whose user the system does not know."""
-    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    monkeypatch.setenv("HOME", str(tmp_path))
-    beside, at_home = machine.places()
-    assert at_home == tmp_path / ".cache" / "echolearn"
-    monkeypatch.setenv("HOME", "~")
-    assert machine.places() == [beside]
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert machine.places() == [beside, tmp_path / "echolearn"]
+def test_loops_compile_anew_where_no_folder_can_keep_them(tmp_path: Path) -> None:
+    """As in a container whose disk is read-only and whose user has no home."""
+    copy = tmp_path / "loops.py"
+    copy.write_bytes(Path(image_loops.__file__).read_bytes())
+    (tmp_path / "__pycache__").write_text("not a folder")
+    homeless = {**os.environ, "HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/null"}
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import loops"
+    subprocess.run([sys.executable, "-c", code], env=homeless, check=True)
