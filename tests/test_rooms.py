@@ -55,6 +55,7 @@ IMPLEMENTATIONS = {
     "localization.methods": ["localizer"],
     "runtime.engines": ["engine"],
     "simulation.noise": ["noise", "diffuse"],
+    "simulation.rir": ["rir"],
 }
 """Folders of implementations of one interface, with the groups of `conf` that offer them."""
 
