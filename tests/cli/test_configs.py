@@ -1,8 +1,6 @@
 """Every YAML file: composed, built, and complete."""
 
-import ast
 import inspect
-import re
 import tempfile
 from dataclasses import replace
 from functools import cache
@@ -160,50 +158,3 @@ def test_the_comparison_asks_for_sets_that_have_plans_and_surveys_that_have_name
     assert set(config["surveys"]) <= {
         job["name"] for _, job in compose("survey", levels, many=True)
     }
-
-
-# ---------------------------------------------------------------- the page that shows how to add one
-
-PAGE = (Path(__file__).parents[2] / "docs" / "extend.md").read_text()
-SHOWN = dict(re.findall(r"^`conf/([\w/]+)\.yaml`:\n\n```yaml\n(.*?)^```", PAGE, flags=re.M | re.S))
-
-
-def attributes(target: str) -> set[str]:
-    """Return the arguments of a call, of one of the package or of a dataclass that the page shows
-    as a module."""
-    module, _, name = target.rpartition(".")
-    path = re.escape(f"src/{module.replace('.', '/')}.py")
-    shown = re.search(rf"`{path}`[.:]\n\n```python\n(.*?)^```", PAGE, flags=re.M | re.S)
-    if not shown:
-        return set(inspect.signature(find(target, "")).parameters)
-    [made] = [
-        node
-        for node in ast.parse(shown[1]).body
-        if isinstance(node, ast.ClassDef) and node.name == name
-    ]
-    fields = [
-        node
-        for node in made.body
-        if isinstance(node, ast.AnnAssign) and "init=False" not in ast.unparse(node)
-    ]
-    return {ast.unparse(field.target) for field in fields}
-
-
-def test_the_page_shows_a_file_of_each_kind() -> None:
-    assert {name.partition("/")[0] for name in SHOWN} >= {
-        "classifier",
-        "localizer",
-        "noise",
-        "room",
-        "plan",
-        "engine",
-    }
-    assert len(SHOWN) == len(re.findall(r"^_target_: ", PAGE, flags=re.M))
-
-
-@pytest.mark.parametrize("shown", SHOWN)
-def test_what_the_page_shows_has_all_keys_of_what_it_calls(shown: str) -> None:
-    """So that it passes the tests above once it is pasted; `defaults` give a classifier its inputs."""
-    for call in calls(yaml.safe_load(SHOWN[shown])):
-        given = {"inputs" if key == "defaults" else key for key in call}
-        assert given - {TARGET} == attributes(call[TARGET]), call[TARGET]

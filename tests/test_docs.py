@@ -1,0 +1,110 @@
+"""What the pages show is there, runs, and does what they say."""
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+SHOWN = re.compile(r"^`((?:src|conf|tests)/\S+)`:\n\n```(?:python|yaml)\n(.*?)^```", re.M | re.S)
+FILES = dict(found for page in PAGES for found in SHOWN.findall(page.read_text()))
+"""Files that pages show, by their path."""
+
+
+def code(page: Path) -> str:
+    """Return the Python on a page that is no file of its own."""
+    [block] = re.findall(r"(?<!`:\n\n)```python\n(.*?)^```", page.read_text(), re.M | re.S)
+    return str(block)
+
+
+def test_every_yaml_file_on_a_page_has_a_name() -> None:
+    """So that it is tested: what follows covers all that have."""
+    fences = [fence for page in PAGES for fence in re.findall("^```yaml", page.read_text(), re.M)]
+    assert len(fences) == sum(name.endswith(".yaml") for name in FILES)
+
+
+@pytest.fixture(scope="module")
+def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a copy of the project to which the files on the pages have been added."""
+    place = tmp_path_factory.mktemp("extended")
+    for folder in ("src", "conf", "tests"):
+        shutil.copytree(ROOT / folder, place / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", place)
+    for name, text in FILES.items():
+        assert not (place / name).exists(), name
+        (place / name).write_text(text)
+    return place
+
+
+def checked(place: Path, *tests: str) -> int:
+    """Run tests of the copy on what the pages add to it, and return how many have passed."""
+    names = " or ".join(Path(name).stem for name in FILES)
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-k", names]
+    environment = {"PYTHONPATH": str(place / "src"), "PATH": "/usr/bin", "OMP_NUM_THREADS": "1"}
+    run = subprocess.run([*command, *tests], cwd=place, env=environment, capture_output=True)
+    assert run.returncode == 0, run.stdout.decode()[-3000:]
+    return int(re.findall(r"(\d+) passed", run.stdout.decode())[-1])
+
+
+def test_shown_configurations_compose_build_and_have_all_keys(extended: Path) -> None:
+    added = sum(name.endswith(".yaml") for name in FILES)
+    assert checked(extended, "tests/cli/test_configs.py") >= 3 * added
+
+
+@pytest.mark.release
+def test_shown_parts_keep_the_contracts(extended: Path) -> None:
+    rooms = "classifiers localization simulation runtime dataset"
+    assert checked(extended, *(f"tests/{room}" for room in rooms.split())) > 50
+
+
+def test_the_readme_is_one_page_and_its_code_runs(
+    packed: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    assert (ROOT / "README.md").read_text().count("\n") <= 120
+    exec(code(ROOT / "README.md").replace("runs/bundles/best", str(packed)), {})
+    assert capsys.readouterr().out.startswith("[[")
+
+
+# ---------------------------------------------------------------- the house on one page
+
+ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text()
+PATHS = {
+    title: re.findall(r"^\d\. `([\w/]+\.py):([\w.]+)`(?: \(as `(\w+)`\))?", text, re.M)
+    for title, text in re.findall(r"^### `(\w+)`\n(.*?)(?=^##|\Z)", ARCHITECTURE, re.M | re.S)
+}
+"""For each command its functions, with the name by which the former calls it."""
+
+
+def source(path: str, name: str) -> str:
+    """Return the text of a function or method."""
+    text = (ROOT / "src" / "echolearn" / path).read_text()
+    node: ast.AST = ast.parse(text)
+    for part in name.split("."):
+        inside = [n for n in ast.iter_child_nodes(node) if getattr(n, "name", "") == part]
+        assert inside, f"{path} has no {name}"
+        node = inside[-1]
+    return str(ast.get_source_segment(text, node))
+
+
+@pytest.mark.parametrize("command", "generate train compare survey export map".split())
+def test_each_step_from_a_command_to_the_arithmetic_names_the_next(command: str) -> None:
+    steps = PATHS[command]
+    assert 2 <= len(steps) <= 6 and steps[0][0] == "cli/commands.py"
+    for (path, name, _), (_, after, alias) in zip(steps, steps[1:], strict=False):
+        called = alias or after.removesuffix(".__call__").rpartition(".")[2]
+        assert re.search(rf"\b{called}\b", source(path, name)), f"{path}:{name} names no {called}"
+    assert re.search(r"\b(np|fft|torch|session|linalg|stats)\.", source(*steps[-1][:2]))
+
+
+def test_every_room_has_its_line_and_every_named_file_is_there() -> None:
+    package = ROOT / "src" / "echolearn"
+    rooms = {path.parent.name for path in package.glob("*/__init__.py")} | {"checks"}
+    assert rooms == set(re.findall(r"^\| `([a-z]+)` \|", ARCHITECTURE, re.M))
+    for name in re.findall(r"`([\w/]+\.py)", ARCHITECTURE):
+        assert (package / name).exists() or (ROOT / name).exists(), name
