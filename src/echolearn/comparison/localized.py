@@ -1,4 +1,4 @@
-"""Hear a recorded survey as one localizer does: its echoes, their columns, their points on the map."""
+"""Localize a survey as one localizer does: its echoes, their columns, their points on the map."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -9,60 +9,79 @@ import numpy as np
 
 from echolearn.acoustics.geometry import distance_to_outline
 from echolearn.acoustics.signals import joint_db
-from echolearn.acoustics.types import Array, Echoes
-from echolearn.checks import BadValue
-from echolearn.evaluation import metrics, stats
-from echolearn.evaluation.scoring import Heard, Sheet
+from echolearn.acoustics.types import Echoes
+from echolearn.checks import BadValue, is_number
+from echolearn.evaluation import stats
+from echolearn.evaluation.metrics import MAP_TOLERANCE
+from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Recordings
 from echolearn.localization.localize import localize
 from echolearn.localization.localizer import Localizer
 from echolearn.mapping.echo_map import echo_map
 from echolearn.survey import reader
 
 
-def hear(folder: Path, localizer: Localizer, *, name: str, resamples: int) -> Heard:
-    """Localize and describe every recording of a survey.
+def localize_survey(
+    folder: Path, localizer: Localizer, *, name: str, resamples: int
+) -> LocalizedSurvey:
+    """Localize and describe every recording of a survey, and label its map points.
+
+    Args:
+        folder: folder of the survey, whose name it has.
+        localizer: estimates the echoes.
+        name: name of the localizer.
+        resamples: bootstrap draws over the poses.
 
     Raises:
-        BadValue: the survey has no outline to be judged against.
+        BadValue: the survey has no outline to be evaluated against.
     """
     survey = reader.read(folder)
     if survey.walls is None:
-        raise BadValue(f"{folder}/survey.yaml: no walls; an outline is needed to judge a map")
-    described = [_describe(survey, localizer, block) for block in reader.blocks(survey)]
-    columns = {
-        key: np.concatenate([block[key] for _, block in described]) for key in described[0][1]
-    }
-    echoes = Echoes(
-        *(np.concatenate([getattr(each, f.name) for each, _ in described]) for f in fields(Echoes))
+        raise BadValue(
+            f"{folder}/survey.yaml: it has no walls; without the room's outline no map is evaluated"
+        )
+
+    # Recordings are localized in blocks, because those of a long walk would not fit into memory.
+    found = [localize(survey.observe(block), localizer) for block in reader.blocks(survey)]
+    parts = {}
+    for field in fields(Echoes):
+        parts[field.name] = np.concatenate([getattr(echoes, field.name) for echoes, _ in found])
+    columns = {}
+    for key in found[0][1]:
+        columns[key] = np.concatenate([block[key] for _, block in found])
+
+    placed = echo_map(
+        Echoes(**parts), survey.poses, array=survey.array, speed_of_sound=survey.speed_of_sound
     )
-    found = echo_map(echoes, survey.poses, array=survey.array, speed_of_sound=survey.speed_of_sound)
     poses = np.repeat(np.arange(len(survey.poses)), localizer.echoes)
-    sheet = Sheet(
-        name,
-        distance_to_outline(found.points, survey.walls) <= metrics.TOLERANCE,
-        poses,
-        np.full(len(poses), _ratio_db(survey.conditions)),
-        stats.cluster_weights(poses, resamples=resamples),
-        str(survey.conditions.get("noise", "unknown")),
+    labelled = LabelledRows(
+        Recordings(
+            Path(folder).name,
+            kind="survey",
+            noise=str(survey.conditions.get("noise", "unknown")),
+            room=_room(survey.conditions, Path(folder).name),
+            localizer=name,
+        ),
+        reference=distance_to_outline(placed.points, survey.walls) <= MAP_TOLERANCE,
+        groups=poses,
+        joint_snr_db=np.full(len(poses), _joint_snr_db(survey.conditions)),
+        weights=stats.cluster_weights(poses, resamples=resamples),
     )
-    return Heard(sheet, found.points, found.poses, survey.walls, columns)
+    return LocalizedSurvey(labelled, placed.points, placed.poses, survey.walls, columns)
 
 
-def _ratio_db(conditions: Mapping[str, Any]) -> float:
-    """Return the received probe over all noises together, to 0.1 dB; NaN where nothing is known of
-    it.
-    """
-    known = [
-        float(conditions[key]) for key in ("snr_db", "sdnr_db") if conditions.get(key) is not None
-    ]
-    return (
-        round(float(joint_db(*known)), 1) + 0.0 if known else np.nan
-    )  # 0.0 turns -0.0 into 0.0, as names have it
+def _room(conditions: Mapping[str, Any], name: str) -> str:
+    """Return what tables call the room of a survey, such as "8x6x5"; if unknown, the survey."""
+    room = conditions.get("room", name)
+    if isinstance(room, list) and all(is_number(side) for side in room):
+        return "x".join(f"{side:g}" for side in room)
+    return str(room)
 
 
-def _describe(
-    survey: reader.Survey, localizer: Localizer, block: range
-) -> tuple[Echoes, dict[str, Array]]:
-    """Return the echoes of some poses, fields (B, R), and their description, rows pose by pose."""
-    observation = survey.observe(block)
-    return localize(observation, localizer)
+def _joint_snr_db(conditions: Mapping[str, Any]) -> float:
+    """Return the received probe over all noises together, to 0.1 dB; NaN where it is unknown."""
+    levels = [conditions.get("snr_db"), conditions.get("sdnr_db")]
+    known = [float(level) for level in levels if level is not None]
+    if not known:
+        return np.nan
+    # Adding 0.0 turns -0.0 into 0.0, which is written as "0".
+    return round(float(joint_db(*known)), 1) + 0.0

@@ -4,11 +4,11 @@ Walls 1 to 2 m from a pose give an echo inside the search window. The foot of th
 the pose is where that echo's map point belongs, and the wall within 0.25 m of a foot is
 *reachable*. A kept point covers the wall within 0.25 m of itself, so a map of every perfect point
 has a coverage of exactly 1. The symmetric distance is that of Barshan, "Objective error criterion
-for evaluation of mapping accuracy based on sensor time-of-flight measurements",
-Sensors 8 (2008): (mean_p min_q |p - q| + mean_q min_p |p - q|) / 2 for kept points p and reachable wall q.
+for evaluation of mapping accuracy based on sensor time-of-flight measurements", Sensors 8 (2008):
+(mean_p min_q |p - q| + mean_q min_p |p - q|) / 2 for kept points p and reachable wall q.
 
-Both judge a union of points. Bootstrap resampling drops a third of the poses and would bias them:
-no weights here.
+Both speak of a union of points. Bootstrap resampling drops a third of the poses and would bias
+them: no weights here.
 """
 
 import numpy as np
@@ -22,25 +22,26 @@ NEAREST, FARTHEST = 1.0, 2.0
 REACH = 0.25
 """m of wall on either side that one point covers."""
 
+STEP = 0.05
+"""m; the longest piece of wall that counts as one."""
 
-def wall_samples(corners: Array, *, step: float = 0.05) -> tuple[Array, Array]:
-    """Cut the outline (C, 2) into pieces of at most `step` m: their middles (S, 2) and their
-    lengths (S,), in m.
-    """
+
+def wall_samples(corners: Array) -> tuple[Array, Array]:
+    """Cut the outline (C, 2) into pieces: their middles (S, 2) and their lengths (S,), in m."""
     edges = np.roll(corners, -1, axis=0) - corners
-    counts = np.ceil(np.linalg.norm(edges, axis=1) / step - 1e-9).astype(int)
-    middles = [
-        a + (np.arange(n) + 0.5)[:, None] / n * e
-        for a, e, n in zip(corners, edges, counts, strict=True)
-    ]
-    return np.concatenate(middles), np.repeat(np.linalg.norm(edges, axis=1) / counts, counts)
+    lengths = np.linalg.norm(edges, axis=1)
+    counts = np.ceil(lengths / STEP - 1e-9).astype(int)
+    middles = []
+    for corner, edge, count in zip(corners, edges, counts, strict=True):
+        along = (np.arange(count) + 0.5)[:, None] / count
+        middles.append(corner + along * edge)
+    return np.concatenate(middles), np.repeat(lengths / counts, counts)
 
 
 def feet(corners: Array, poses: Array) -> tuple[Array, Array]:
-    """Drop perpendiculars from `poses` (P, 2) on each wall: feet (P, C, 2) in m, and whether they
-    give an echo (P, C).
+    """Drop perpendiculars from poses (P, 2) on each wall: feet (P, C, 2) in m, and which echo.
 
-    They do if the foot lies on the wall, 1 to 2 m away.
+    The second result, shape (P, C), is true where the foot lies on the wall, 1 to 2 m away.
     """
     edge = np.roll(corners, -1, axis=0) - corners
     along = ((poses[:, None] - corners) * edge).sum(-1) / (edge**2).sum(-1)
@@ -50,42 +51,51 @@ def feet(corners: Array, poses: Array) -> tuple[Array, Array]:
 
 
 def attainable(corners: Array, poses: Array) -> float:
-    """Return the share of `poses` (P, 2) with a wall 1 to 2 m away: about what one echo a pose can
-    get right.
+    """Return the share of poses (P, 2) with a wall 1 to 2 m away; NaN without poses.
+
+    It is about what one echo a pose can get right.
     """
     return float(feet(corners, poses)[1].any(axis=1).mean()) if len(poses) else float("nan")
 
 
 def wall_coverage(corners: Array, points: Array, *, kept: Array, poses: Array) -> float:
-    """Return the share of the reachable wall length within 0.25 m of a kept point; NaN if none is
-    reachable.
+    """Return the share of the reachable wall within 0.25 m of a kept point; NaN if none is.
 
     Args:
         corners: the room's outline, shape (C, 2), in m.
-        points: of the map, shape (P, 2), in m.
+        points: points of the map, shape (P, 2), in m.
         kept: shape (P,), bool.
-        poses: of the whole walk, shape (any, 2), in m.
+        poses: positions of the whole walk, shape (any, 2), in m.
     """
-    samples, lengths = wall_samples(corners)
-    foot, heard = feet(corners, poses)
-    reachable = lengths * (_nearest(samples, foot[heard]) <= REACH)
-    covered = _nearest(samples, points[kept]) <= REACH
-    return float(reachable @ covered / reachable.sum()) if reachable.any() else float("nan")
+    wall, lengths = _reachable(corners, poses)
+    covered = _nearest(wall, points[kept]) <= REACH
+    return float(lengths @ covered / lengths.sum()) if len(wall) else float("nan")
 
 
 def nearest_neighbour_error(corners: Array, points: Array, *, kept: Array, poses: Array) -> float:
-    """Return the mean, over both directions, of the mean distance in m between kept points and
-    reachable wall.
+    """Return the mean distance in m between kept points and reachable wall, over both directions.
 
-    Arguments as for `wall_coverage`; NaN if nothing is kept or nothing is reachable. Source:
-    Barshan (2008).
+    NaN if nothing is kept or nothing is reachable. Source: Barshan (2008).
+
+    Args:
+        corners: the room's outline, shape (C, 2), in m.
+        points: points of the map, shape (P, 2), in m.
+        kept: shape (P,), bool.
+        poses: positions of the whole walk, shape (any, 2), in m.
     """
-    samples, _ = wall_samples(corners)
-    foot, heard = feet(corners, poses)
-    wall, map_points = samples[_nearest(samples, foot[heard]) <= REACH], points[kept]
-    if not len(wall) or not len(map_points):
+    wall, _ = _reachable(corners, poses)
+    shown = points[kept]
+    if not len(wall) or not len(shown):
         return float("nan")
-    return float(_nearest(map_points, wall).mean() + _nearest(wall, map_points).mean()) / 2
+    return float(_nearest(shown, wall).mean() + _nearest(wall, shown).mean()) / 2
+
+
+def _reachable(corners: Array, poses: Array) -> tuple[Array, Array]:
+    """Return the pieces of wall that can give an echo: middles (S, 2) and lengths (S,), in m."""
+    middles, lengths = wall_samples(corners)
+    foot, echoes = feet(corners, poses)
+    near = _nearest(middles, foot[echoes]) <= REACH
+    return middles[near], lengths[near]
 
 
 def _nearest(points: Array, others: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Judge labels and maps: pure functions on arrays, one per metric, in the manner of mir_eval.
+"""Metrics of labels and maps: pure functions on arrays, in the manner of mir_eval.
 
 Conventions, valid for every function here:
 
@@ -11,52 +11,56 @@ Conventions, valid for every function here:
   then has shape (...), one value for each set of weights. A row of weight k counts as k equal rows,
   so integer weights are a bootstrap (`echolearn.evaluation.stats`). Without weights the result is
   one number.
-- Whatever is 0/0 is NaN, in words at each metric: no rows, one class only, nothing kept.
+- Whatever is 0/0 is NaN: no rows, one class only, nothing kept.
 
-A map is judged against the room's outline, `corners` (C, 2) in m: a point is true within 0.10 m of
-it. `echolearn.evaluation.coverage` holds what speaks of the walls as a whole.
+A map is evaluated against the room's outline, `corners` (C, 2) in m: a point is true within 0.10 m
+of it. `echolearn.evaluation.coverage` holds what speaks of the walls as a whole.
+
+A new metric of labels is an entry of `evaluate_labels`, one of maps an entry of `evaluate_map`.
 """
 
 import numpy as np
+from scipy.stats import rankdata
 
 from echolearn.acoustics.geometry import distance_to_outline
 from echolearn.acoustics.types import Array
-from echolearn.checks import check, check_whole
+from echolearn.checks import check
 from echolearn.evaluation.coverage import nearest_neighbour_error, wall_coverage
 
-TOLERANCE = 0.10
+MAP_TOLERANCE = 0.10
 """m; a map point this close to a wall is true."""
+
+CALIBRATION_BINS = 10
+"""Equal bins of confidence; each holds its lower edge, the last one also 1."""
 
 
 def validate(reference: Array, estimated: Array, weights: Array | None = None) -> None:
     """Check that two columns and the weights belong together.
 
+    Args:
+        reference: shape (B,), bool.
+        estimated: shape (B,), finite.
+        weights: shape (..., B).
+
     Raises:
         BadValue: unequal lengths, a reference that is not bool, a NaN, or weights of another
             length.
     """
-    shapes = f"{np.shape(reference)} and {np.shape(estimated)}"
-    equal = np.ndim(reference) == 1 and np.shape(reference) == np.shape(estimated)
+    shapes = np.shape(reference), np.shape(estimated)
     check(
-        equal,
+        len(shapes[0]) == 1 and shapes[0] == shapes[1],
         "reference, estimated",
-        shapes,
+        f"{shapes[0]} and {shapes[1]}",
         allowed="two equal shapes (B,)",
         hint="rows of different sets?",
     )
-    _check_bool(
-        "reference", reference, hint="class numbers? the paper's class 0, the wall, is True here"
-    )
-    check(
-        bool(np.isfinite(estimated).all()), "estimated", "NaN or infinity", allowed="finite numbers"
-    )
+    hint = "class numbers? the paper's class 0, the wall, is True here"
+    _check_bool("reference", reference, hint)
+    finite = bool(np.isfinite(estimated).all())
+    check(finite, "estimated", "NaN or infinity", allowed="a finite number for each row")
     if weights is not None:
-        check(
-            np.shape(weights)[-1:] == np.shape(reference),
-            "weights",
-            np.shape(weights),
-            allowed="shape (..., B)",
-        )
+        fits = np.shape(weights)[-1:] == shapes[0]
+        check(fits, "weights", np.shape(weights), allowed="shape (..., B), one for each row")
 
 
 def kept(confidence: Array, threshold: float) -> Array:
@@ -64,221 +68,206 @@ def kept(confidence: Array, threshold: float) -> Array:
     return np.asarray(confidence) >= threshold
 
 
-def confusion(
-    reference: Array, kept: Array, *, weights: Array | None = None
-) -> tuple[Array, Array, Array, Array]:
-    """Count true kept, false kept, true dropped, false dropped."""
-    validate(reference, kept, weights)
-    _check_bool("kept", kept, hint="a confidence? compare it with the threshold first")
-    cells = np.stack(
-        [reference & kept, ~reference & kept, reference & ~kept, ~reference & ~kept], axis=-1
-    )
-    counts = _weights(reference, weights) @ cells.astype(float)
-    return counts[..., 0], counts[..., 1], counts[..., 2], counts[..., 3]
-
-
 def rates(reference: Array, kept: Array, *, weights: Array | None = None) -> dict[str, Array]:
-    """Return all metrics of what is kept, by name; each is also a function of its own."""
-    kept_true, kept_false, dropped_true, dropped_false = confusion(reference, kept, weights=weights)
-    true, false = kept_true + dropped_true, kept_false + dropped_false
-    recall, specificity = _ratio(kept_true, true), _ratio(dropped_false, false)
+    """Return all metrics of what is kept, by name.
+
+    Args:
+        reference: shape (B,), bool.
+        kept: shape (B,), bool.
+        weights: shape (..., B).
+
+    Returns:
+        Precision is the share of kept rows that are true. Recall, of a map its true retention, is
+        the share of true rows that are kept; specificity, of a map its spurious removal, the share
+        of false rows that are dropped. Balanced accuracy is the mean of these two. F1 is the
+        harmonic mean of precision and recall, 0 if all that is true is lost.
+    """
+    validate(reference, kept, weights)
+    _check_bool("kept", kept, "a confidence? compare it with the threshold first")
+    cells = np.stack([reference & kept, ~reference & kept, reference & ~kept, ~reference & ~kept])
+    counts = _weights(reference, weights) @ cells.T.astype(float)
+    true_kept, false_kept, true_dropped, false_dropped = np.moveaxis(counts, -1, 0)
+    true = true_kept + true_dropped
+    false = false_kept + false_dropped
+    recall = _ratio(true_kept, true)
+    specificity = _ratio(false_dropped, false)
     return {
-        "accuracy": _ratio(kept_true + dropped_false, true + false),
+        "accuracy": _ratio(true_kept + false_dropped, true + false),
         "balanced_accuracy": (recall + specificity) / 2,
-        "precision": _ratio(kept_true, kept_true + kept_false),
+        "precision": _ratio(true_kept, true_kept + false_kept),
         "recall": recall,
         "specificity": specificity,
-        "f1": _ratio(2 * kept_true, 2 * kept_true + kept_false + dropped_true),
+        "f1": _ratio(2 * true_kept, 2 * true_kept + false_kept + true_dropped),
     }
 
 
-def precision(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
-    """Return the share of kept rows that are reflectors; NaN where nothing is kept."""
-    return rates(reference, kept, weights=weights)["precision"]
-
-
-def recall(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
-    """Return the share of reflectors that are kept, of a map its true retention; NaN without
-    reflectors.
-    """
-    return rates(reference, kept, weights=weights)["recall"]
-
-
-def specificity(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
-    """Return the share of spurious rows that are dropped, of a map its spurious removal; NaN
-    without any.
-    """
-    return rates(reference, kept, weights=weights)["specificity"]
-
-
-def accuracy(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
-    """Return the share of rows judged rightly; NaN without rows. Never report it without
-    `balanced_accuracy`.
-    """
-    return rates(reference, kept, weights=weights)["accuracy"]
-
-
 def balanced_accuracy(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
-    """Return the mean of `recall` and `specificity`; NaN unless both classes are there."""
+    """Return the mean of recall and specificity; arguments as for `rates`."""
     return rates(reference, kept, weights=weights)["balanced_accuracy"]
-
-
-def f1(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
-    """Return the harmonic mean of `precision` and `recall`; 0 if all is lost, NaN without
-    reflectors and kept rows.
-    """
-    return rates(reference, kept, weights=weights)["f1"]
 
 
 def orders(
     reference: Array, confidence: Array, *, weights: Array | None = None
 ) -> dict[str, Array]:
-    """Return all metrics that look at the order of confidences only, by name; each is also a
-    function of its own.
+    """Return all metrics that look at the order of confidences only, by name.
+
+    Args:
+        reference: shape (B,), bool.
+        confidence: shape (B,).
+        weights: shape (..., B).
+
+    Returns:
+        AUC is the chance that a reflector outranks a spurious row, ties counting half. Average
+        precision is the area under the precision-recall curve as a sum of steps, not interpolated.
     """
     true, false = _ladder(reference, confidence, weights)
-    found, spurious = np.cumsum(true, axis=-1), np.cumsum(false, axis=-1)
-    total, others = true.sum(axis=-1), false.sum(axis=-1)
-    below = others[..., None] - spurious + false / 2
-    share = np.divide(found, found + spurious, out=np.zeros_like(found), where=found > 0)
+    found = np.cumsum(true, axis=-1)
+    spurious = np.cumsum(false, axis=-1)
+    all_true = true.sum(axis=-1)
+    all_false = false.sum(axis=-1)
+    below = all_false[..., None] - spurious + false / 2
+    precision = np.divide(found, found + spurious, out=np.zeros_like(found), where=found > 0)
     return {
-        "auc": _ratio(np.einsum("...d,...d->...", true, below), total * others),
-        "average_precision": _ratio(np.einsum("...d,...d->...", true, share), total),
+        "auc": _ratio(np.einsum("...d,...d->...", true, below), all_true * all_false),
+        "average_precision": _ratio(np.einsum("...d,...d->...", true, precision), all_true),
     }
 
 
 def auc(reference: Array, confidence: Array, *, weights: Array | None = None) -> Array:
-    """Return the chance that a reflector outranks a spurious row, ties counting half; NaN unless
-    both are there.
-    """
+    """Return the area under the ROC curve; arguments as for `orders`."""
     return orders(reference, confidence, weights=weights)["auc"]
 
 
-def average_precision(
-    reference: Array, confidence: Array, *, weights: Array | None = None
-) -> Array:
-    """Return the area under the precision-recall curve as a sum of steps, not interpolated; NaN
-    without reflectors.
-    """
-    return orders(reference, confidence, weights=weights)["average_precision"]
-
-
 def auc_shares(reference: Array, first: Array, second: Array) -> Array:
-    """Return what each row adds to auc(first) - auc(second), shape (B,): the sign turns if its
-    answers are swapped.
+    """Return what each row adds to auc(first) - auc(second): the sign turns if answers are swapped.
 
-    A pair of a reflector i and a spurious row j adds K(a_i, a_j) - K(b_i, b_j), K = 1, 1/2 or 0 as
+    Confidences are replaced by their ranks, so that models of different scales can be swapped. A
+    pair of a reflector i and a spurious row j adds K(a_i, a_j) - K(b_i, b_j), K = 1, 1/2 or 0 as
     the reflector is above, level or below. Over the four ways to swap i and j that is linear in the
     signs s_i, s_j, with the weights 1/2 sum_j [K(a_i, .) - K(b_i, .)] and 1/2 sum_i [K(., a_j) -
     K(., b_j)], where . runs over both answers.
+
+    Args:
+        reference: shape (B,), bool.
+        first, second: confidences of the two, shape (B,).
+
+    Returns:
+        Shape (B,).
     """
     validate(reference, first)
     validate(reference, second)
-    wins = [
-        _level(values[reference], np.append(first[~reference], second[~reference]))
-        for values in (first, second)
-    ]
-    losses = [
-        _level(values[~reference], np.append(first[reference], second[reference]))
-        for values in (first, second)
-    ]
-    shares = np.empty(len(reference))
-    shares[reference], shares[~reference] = wins[0] - wins[1], losses[1] - losses[0]
+    first, second = rankdata(first), rankdata(second)
+    true_ranks = np.append(first[reference], second[reference])
+    false_ranks = np.append(first[~reference], second[~reference])
+    above_false = _above(first, false_ranks) - _above(second, false_ranks)
+    above_true = _above(first, true_ranks) - _above(second, true_ranks)
+    shares = np.where(reference, above_false, -above_true)
     return shares / (2.0 * reference.sum() * (~reference).sum())
 
 
 def balanced_accuracy_shares(reference: Array, first: Array, second: Array) -> Array:
-    """Return what each row adds to balanced_accuracy(first) - balanced_accuracy(second), as
-    `auc_shares` does.
+    """Return what each row adds to balanced_accuracy(first) - balanced_accuracy(second).
+
+    Args:
+        reference: shape (B,), bool.
+        first, second: what each of the two keeps, shape (B,), bool.
+
+    Returns:
+        Shape (B,).
     """
     validate(reference, first)
     validate(reference, second)
-    share = (
-        np.where(reference, 1.0 / max(reference.sum(), 1), -1.0 / max((~reference).sum(), 1)) / 2
-    )
-    return (first.astype(float) - second) * share
+    true_share = 0.5 / max(reference.sum(), 1)
+    false_share = 0.5 / max((~reference).sum(), 1)
+    return (first.astype(float) - second) * np.where(reference, true_share, -false_share)
 
 
-def _level(values: Array, others: Array) -> Array:
+def _above(values: Array, others: Array) -> Array:
     """Return how many of `others` each value is above, ties counting half."""
     rising = np.sort(others)
     return (np.searchsorted(rising, values, "left") + np.searchsorted(rising, values, "right")) / 2
 
 
-def pr_curve(reference: Array, confidence: Array) -> tuple[Array, Array, Array]:
-    """Return precision, recall and threshold, each (D,), for every distinct confidence, the highest
-    first.
-    """
+def pr_curve(reference: Array, confidence: Array) -> tuple[Array, Array]:
+    """Return precision and recall, each (D,), for every distinct confidence, highest first."""
     true, false = _ladder(reference, confidence, None)
-    found, spurious = np.cumsum(true), np.cumsum(false)
-    return _ratio(found, found + spurious), _ratio(found, found[-1:]), np.unique(confidence)[::-1]
+    found = np.cumsum(true)
+    return _ratio(found, found + np.cumsum(false)), _ratio(found, found[-1:])
 
 
-def reliability_curve(
-    reference: Array, confidence: Array, *, bins: int = 10
-) -> tuple[Array, Array, Array, Array]:
+def reliability_curve(reference: Array, confidence: Array) -> tuple[Array, Array]:
     """Compare belief and truth in equal bins of confidence.
+
+    Returns:
+        Mean confidence and share of reflectors of each bin, shape (10,); NaN in empty bins.
+    """
+    member = _bins(reference, confidence)
+    count = member.sum(axis=0)
+    return _ratio(confidence @ member, count), _ratio(reference @ member, count)
+
+
+def expected_calibration_error(
+    reference: Array, confidence: Array, *, weights: Array | None = None
+) -> Array:
+    """Return the mean over rows of |mean confidence - share of reflectors| in the row's bin.
+
+    Source: Naeini, Cooper, Hauskrecht (AAAI 2015).
 
     Args:
         reference: shape (B,), bool.
         confidence: shape (B,), 0 to 1.
-        bins: how many; each holds its lower edge, the last one also 1.
-
-    Returns:
-        Centre, mean confidence, share of reflectors and number of rows of each bin, shape (bins,);
-        the two in the middle are NaN in empty bins.
+        weights: shape (..., B).
     """
-    member = _bins(reference, confidence, bins)
-    count = member.sum(axis=0)
-    centre = (np.arange(bins) + 0.5) / bins
-    return centre, _ratio(confidence @ member, count), _ratio(reference @ member, count), count
-
-
-def expected_calibration_error(
-    reference: Array, confidence: Array, *, bins: int = 10, weights: Array | None = None
-) -> Array:
-    """Return the mean of |mean confidence - share of reflectors| over rows, in the bins of `reliability_curve`.
-
-    NaN without rows. Source: Naeini, Cooper, Hauskrecht (AAAI 2015).
-    """
-    member = _bins(reference, confidence, bins)
     each = _weights(reference, weights)
-    surplus = each @ (member * (confidence - reference)[:, None])
+    surplus = each @ (_bins(reference, confidence) * (confidence - reference)[:, None])
     return _ratio(np.abs(surplus).sum(axis=-1), each.sum(axis=-1))
 
 
 def error_mean(error: Array, kept: Array, *, weights: Array | None = None) -> Array:
-    """Return the mean of `error` (B,), point to wall in m, over the kept points; NaN where nothing
-    is kept.
+    """Return the mean error of the kept points; NaN where nothing is kept.
+
+    Args:
+        error: distance from point to wall, shape (B,), in m.
+        kept: shape (B,), bool.
+        weights: shape (..., B).
     """
-    _check_bool("kept", kept)
     each = _weights(error, weights)
     return _ratio(each @ np.where(kept, error, 0.0), each @ np.asarray(kept, dtype=float))
 
 
 def error_quantile(
-    error: Array, kept: Array, *, share: float = 0.5, weights: Array | None = None
+    error: Array, kept: Array, *, share: float, weights: Array | None = None
 ) -> Array:
-    """Return the smallest error (B,) in m that `share` of the kept points do not exceed; NaN where
-    nothing is kept.
+    """Return the smallest error that `share` of the kept points do not exceed.
+
+    Args:
+        error: distance from point to wall, shape (B,), in m.
+        kept: shape (B,), bool; if nothing is, the result is NaN.
+        share: 0 to 1.
+        weights: shape (..., B).
     """
-    _check_bool("kept", kept)
     rising = np.argsort(error[kept], kind="stable")
     reached = np.cumsum(_weights(error, weights)[..., kept][..., rising], axis=-1)
     total = reached[..., -1] if len(rising) else np.zeros(reached.shape[:-1])
+    # Rounding must not push a whole count, such as 0.05 * 100, to the next point.
     index = (reached < share * total[..., None] * (1 - 1e-12)).sum(axis=-1)
     return np.where(total > 0, np.append(error[kept][rising], np.nan)[index], np.nan)
 
 
 def evaluate_labels(
-    reference: Array, confidence: Array, *, threshold: float = 0.5, weights: Array | None = None
+    reference: Array, confidence: Array, *, threshold: float, weights: Array | None = None
 ) -> dict[str, Array]:
     """Return every metric of labels; with `weights` each value has shape (...).
+
+    Args:
+        reference: shape (B,), bool.
+        confidence: shape (B,), 0 to 1.
+        threshold: confidence from which a row is kept.
+        weights: shape (..., B).
 
     Raises:
         BadValue: columns that do not belong together, a confidence outside 0 to 1.
     """
-    _check_confidence(confidence)
     error = expected_calibration_error(reference, confidence, weights=weights)
     ranked = orders(reference, confidence, weights=weights) | {"expected_calibration_error": error}
     return ranked | rates(reference, kept(confidence, threshold), weights=weights)
@@ -295,29 +284,30 @@ def evaluate_map(
 ) -> dict[str, Array]:
     """Return every metric of a map; with `weights` each value has shape (...).
 
-    `wall_coverage` and `nearest_neighbour_error` judge a union of points. Resampling, which drops a
-    third of the poses, would bias them, so with weights they are absent.
+    `wall_coverage` and `nearest_neighbour_error` speak of a union of points. Resampling, which
+    drops a third of the poses, would bias them, so with weights they are absent.
 
     Args:
         corners: the room's outline, shape (C, 2), in m.
-        points: of the map, shape (P, 2), in m.
+        points: points of the map, shape (P, 2), in m.
         kept: shape (P,), bool.
         confidence: shape (P,), 0 to 1.
-        poses: of the whole walk, shape (any, 2), in m.
+        poses: positions of the whole walk, shape (any, 2), in m.
         weights: shape (..., P).
 
     Raises:
         BadValue: columns that do not belong together, a confidence outside 0 to 1.
     """
-    _check_confidence(confidence)
     error = distance_to_outline(points, corners)
-    reference = error <= TOLERANCE
-    judged = rates(reference, kept, weights=weights)
-    names = {"recall": "true_retention", "specificity": "spurious_removal"}
+    reference = error <= MAP_TOLERANCE
+    rate = rates(reference, kept, weights=weights)
     values = {
-        names.get(name, name): value for name, value in judged.items() if name != "accuracy"
-    } | {
-        "average_precision": average_precision(reference, confidence, weights=weights),
+        "balanced_accuracy": rate["balanced_accuracy"],
+        "precision": rate["precision"],
+        "true_retention": rate["recall"],
+        "spurious_removal": rate["specificity"],
+        "f1": rate["f1"],
+        "average_precision": orders(reference, confidence, weights=weights)["average_precision"],
         "expected_calibration_error": expected_calibration_error(
             reference, confidence, weights=weights
         ),
@@ -325,12 +315,11 @@ def evaluate_map(
         "error_median": error_quantile(error, kept, share=0.5, weights=weights),
         "error_p95": error_quantile(error, kept, share=0.95, weights=weights),
     }
-    if weights is not None:
-        return values
-    whole = (wall_coverage, nearest_neighbour_error)
-    return values | {
-        m.__name__: np.asarray(m(corners, points, kept=kept, poses=poses)) for m in whole
-    }
+    if weights is None:
+        for whole in (wall_coverage, nearest_neighbour_error):
+            found = whole(corners, points, kept=kept, poses=poses)
+            values[whole.__name__] = np.asarray(found)
+    return values
 
 
 def _weights(column: Array, weights: Array | None) -> Array:
@@ -344,40 +333,34 @@ def _ratio(part: Array, whole: Array) -> Array:
 
 
 def _ladder(reference: Array, confidence: Array, weights: Array | None) -> tuple[Array, Array]:
-    """Sum the weights of reflectors and of others at each distinct confidence, highest first: (...,
-    D) each.
+    """Sum the weights of true and of false rows at each distinct confidence, highest first.
+
+    Returns:
+        Two arrays of shape (..., D).
     """
     validate(reference, confidence, weights)
     order = np.argsort(-confidence, kind="stable")
     steps = np.flatnonzero(np.diff(confidence[order], prepend=np.inf))
-    each, true = np.take(_weights(reference, weights), order, axis=-1), reference[order]
-    if len(steps) == len(order):  # no ties, nothing to sum
-        return each * true, each * ~true
-    return np.add.reduceat(each * true, steps, axis=-1), np.add.reduceat(
-        each * ~true, steps, axis=-1
-    )
+    each = np.take(_weights(reference, weights), order, axis=-1)
+    true = each * reference[order]
+    false = each * ~reference[order]
+    # Without ties there is nothing to sum, and `reduceat` is slow.
+    if len(steps) == len(order):
+        return true, false
+    return np.add.reduceat(true, steps, axis=-1), np.add.reduceat(false, steps, axis=-1)
 
 
-def _bins(reference: Array, confidence: Array, bins: int) -> Array:
-    """Return which of the equal bins each row falls into, shape (B, bins), as 0 and 1."""
+def _bins(reference: Array, confidence: Array) -> Array:
+    """Return which of the equal bins each row falls into, shape (B, 10), as 0 and 1."""
     validate(reference, confidence)
-    _check_confidence(confidence)
-    check_whole("bins", bins, low=1)
-    member: Array = np.eye(bins)[np.minimum((confidence * bins).astype(int), bins - 1)]
+    outside = confidence[(confidence < 0) | (confidence > 1)]
+    hint = "was a logit given for a confidence?"
+    check(len(outside) == 0, "confidence", outside[:3], allowed="numbers from 0 to 1", hint=hint)
+    number = np.minimum((confidence * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
+    member: Array = np.eye(CALIBRATION_BINS)[number]
     return member
 
 
-def _check_bool(name: str, column: Array, hint: str = "") -> None:
+def _check_bool(name: str, column: Array, hint: str) -> None:
     dtype = np.asarray(column).dtype
     check(dtype.kind == "b", f"{name}.dtype", dtype, allowed="bool", hint=hint)
-
-
-def _check_confidence(confidence: Array) -> None:
-    inside = bool(((confidence >= 0) & (confidence <= 1)).all())
-    check(
-        inside,
-        "confidence",
-        "outside",
-        allowed="from 0 to 1",
-        hint="was a logit given for a confidence?",
-    )

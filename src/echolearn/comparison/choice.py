@@ -1,0 +1,89 @@
+"""Which models a comparison shows and exports.
+
+The choice is made by figures on a run's own validation rows: no test set, no survey has a say.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import mean
+
+from echolearn.classifiers.inputs import view_of
+from echolearn.dataset.labelled_set import Dataset
+from echolearn.evaluation.rows import LocalizedSurvey, Model, Row
+from echolearn.training.runs import Run
+
+ALSO_DRAWN = ("svm_pair", "covnet")
+"""Classifiers that are drawn, good or not: the paper's pair and the literature's network."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Everything a report is made of.
+
+    Attributes:
+        models: finished runs of each model, one for each seed.
+        roles: what each training set was made for, by its plan's name.
+        sets: labelled test sets by name.
+        surveys: localized surveys, by the names of survey and localizer.
+        rows: rows of results.csv.
+        tests: rows of tests.csv.
+    """
+
+    models: Mapping[Model, Sequence[Run]]
+    roles: Mapping[str, str]
+    sets: Mapping[str, Dataset]
+    surveys: Mapping[tuple[str, str], LocalizedSurvey]
+    rows: Sequence[Row]
+    tests: Sequence[Row]
+
+
+def headline(comparison: Comparison) -> str:
+    """Return the training that the maps' tables are about.
+
+    That is one on a set made for training, if there is any, and rather on one that is tested, too.
+    """
+    every = sorted({model.training for model in comparison.models})
+    known = [training for training in every if training in comparison.sets] or every
+    made_for_it = [training for training in known if comparison.roles.get(training) == "training"]
+    return (made_for_it or known)[0]
+
+
+def ranked(comparison: Comparison, training: str) -> list[Model]:
+    """Return the models of a training, best balanced accuracy on validation rows first."""
+
+    def order(model: Model) -> tuple[float, str]:
+        return -mean(_validated(run) for run in comparison.models[model]), model.classifier
+
+    return sorted((one for one in comparison.models if one.training == training), key=order)
+
+
+def chosen(comparison: Comparison) -> Model:
+    """Return the headline's best learned model, or its best baseline if none is learned."""
+    models = ranked(comparison, headline(comparison))
+    learned = [model for model in models if model.role == "learned"]
+    return (learned or models)[0]
+
+
+def chosen_run(comparison: Comparison) -> Run:
+    """Return the run that is worth exporting: the best seed of the chosen model."""
+    runs = comparison.models[chosen(comparison)]
+    return max(runs, key=lambda run: (_validated(run), -run.seed))
+
+
+def drawn(comparison: Comparison) -> list[Model]:
+    """Return the headline's models that are drawn: the best of each family, and `ALSO_DRAWN`.
+
+    A family is a method on a view: networks on columns and on covariances are two.
+    """
+    found = []
+    families = set()
+    for model in ranked(comparison, headline(comparison)):
+        family = (model.method, view_of(comparison.models[model][0].inputs))
+        if family not in families or model.classifier in ALSO_DRAWN:
+            found.append(model)
+        families.add(family)
+    return found
+
+
+def _validated(run: Run) -> float:
+    return float(run.metrics["validation"]["balanced_accuracy"])

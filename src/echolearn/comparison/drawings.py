@@ -1,0 +1,105 @@
+"""Which rows of a comparison, and which predictions, each of its figures shows."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from echolearn.comparison import figures
+from echolearn.comparison.choice import Comparison, chosen, drawn, headline
+from echolearn.comparison.tables import (
+    away,
+    levels,
+    main_localizer,
+    pick,
+    pivot,
+    titled,
+    unfiltered,
+)
+from echolearn.evaluation.rows import Row
+from echolearn.training.runs import label_rows, predict_echoes, predict_rows
+
+Panels = dict[str, dict[str, list[Row]]]
+"""Rows of a line over SNR, by title of the panel and label of the line."""
+
+
+def draw_all(comparison: Comparison) -> dict[str, str]:
+    """Return every figure as SVG, by name."""
+    pictures = draw_sets(comparison)
+    return pictures | draw_surveys(comparison) if comparison.surveys else pictures
+
+
+def draw_sets(comparison: Comparison) -> dict[str, str]:
+    """Return the figures about labelled sets: AUC by band, belief, arrival times off the grid."""
+    shown = away(comparison)
+    dataset = comparison.sets[shown]
+    rows = pick(comparison.rows, seed="", tested_on=shown, metric="auc")
+    bands = {}
+    predictions = {}
+    for model in drawn(comparison):
+        found = pick(rows, **model._asdict())
+        bands[model.classifier] = [row for row in found if row["snr_db"]]
+        predictions[model.classifier] = predict_rows(comparison.models[model][0], dataset)
+    times = {}
+    for name in (next(iter(comparison.sets)), shown):
+        one = comparison.sets[name]
+        times[name] = (1e3 * one["toa"], one["reflector"])
+    return {
+        "bands": figures.bands(bands),
+        "belief": figures.belief(predictions, label_rows(dataset, resamples=1)),
+        "arrival_times": figures.arrival_times(times),
+    }
+
+
+def draw_surveys(comparison: Comparison) -> dict[str, str]:
+    """Return the figures about surveys: maps before and after, quality over SNR, directions."""
+    shown = levels(comparison)
+    rows = titled(pick(comparison.rows, seed=""), comparison.surveys.values())
+    pictures = {
+        "maps_first": figures.maps(panels(comparison, rows, snr_db=shown[0])),
+        "quality": figures.over_snr(
+            quality(comparison, rows), ylabel="balanced accuracy of the map", low=0.3
+        ),
+        "directions": figures.over_snr(
+            by_panel(unfiltered(rows), line="localizer"),
+            ylabel="share of points on a wall, unfiltered",
+        ),
+    }
+    if len(shown) > 1:
+        pictures["maps_last"] = figures.maps(panels(comparison, rows, snr_db=shown[-1]))
+    return pictures
+
+
+def panels(comparison: Comparison, rows: Sequence[Row], *, snr_db: str) -> list[figures.Panel]:
+    """Return the maps of every room before and after the chosen model's first seed filters them.
+
+    Args:
+        comparison: what was found.
+        rows: rows with titles.
+        snr_db: SNR of the surveys.
+    """
+    best = chosen(comparison)
+    localizer = main_localizer(comparison)
+    found = []
+    for row in pick(unfiltered(rows), localizer=localizer, snr_db=snr_db):
+        survey = comparison.surveys[row["tested_on"], localizer]
+        kept = predict_echoes(comparison.models[best][0], survey).kept
+        title = f"{row['place']} m, SNR {snr_db} dB"
+        found.append((f"{title}: every estimate", survey, np.ones_like(kept)))
+        found.append((f"{title}: filtered by {best.classifier}", survey, kept))
+    return found
+
+
+def quality(comparison: Comparison, rows: Sequence[Row]) -> Panels:
+    """Return balanced accuracy of the maps, a line for each drawn model, with the main localizer."""
+    names = tuple(model.classifier for model in drawn(comparison))
+    maps = pick(rows, kind="survey", localizer=main_localizer(comparison), classifier=names)
+    lines = pick(maps, metric="balanced_accuracy", training=headline(comparison))
+    return by_panel(lines, line="classifier")
+
+
+def by_panel(rows: Sequence[Row], *, line: str) -> Panels:
+    """Return rows by the place of their survey, and then by their column `line`."""
+    found: Panels = {}
+    for (place, label), cells in pivot(rows, lines=("place", line), cells="snr_db").items():
+        found.setdefault(place, {})[label] = list(cells.values())
+    return found

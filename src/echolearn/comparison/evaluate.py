@@ -1,0 +1,170 @@
+"""Evaluate all models on all sets and surveys, shared out among processes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from echolearn.comparison.choice import Comparison
+from echolearn.comparison.localized import localize_survey
+from echolearn.comparison.tables import SHOWN_DB
+from echolearn.dataset.labelled_set import Dataset
+from echolearn.evaluation import scoring
+from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Model, Predictions, Row
+from echolearn.localization.localizer import Localizer
+from echolearn.runtime.processes import processes
+from echolearn.runtime.progress import track
+from echolearn.training.runs import Run, label_rows, predict_echoes, predict_rows
+
+BASELINE = "threshold_peak"
+"""The bare threshold that every other model is tested against."""
+
+Models = Mapping[Model, Sequence[Run]]
+"""Finished runs of each model, one for each seed."""
+
+
+class Evaluation(NamedTuple):
+    """What was found on one set or survey: rows of results.csv and of tests.csv, and the survey."""
+
+    rows: list[Row]
+    tests: list[Row]
+    survey: LocalizedSurvey | None = None
+
+
+def evaluate(
+    models: Models,
+    *,
+    roles: Mapping[str, str],
+    sets: Mapping[str, Dataset],
+    surveys: Mapping[str, Path],
+    localizers: Mapping[str, Localizer],
+    resamples: int,
+    workers: int,
+) -> Comparison:
+    """Evaluate every model on every set and on every survey by each localizer.
+
+    Args:
+        models: finished runs of each model.
+        roles: what each training set was made for, by its plan's name.
+        sets: labelled sets by name.
+        surveys: folders by name.
+        localizers: localizers by name; the points of the first one are tested in pairs.
+        resamples: bootstrap draws behind every interval.
+        workers: processes; the result does not depend on their number.
+    """
+    pairs = [(name, localizer) for name in surveys for localizer in localizers]
+    first = next(iter(localizers), "")
+    with processes(workers) as pool:
+        jobs = []
+        for dataset in sets.values():
+            jobs.append(pool.submit(evaluate_set, models, dataset.folder, resamples=resamples))
+        for name, localizer in pairs:
+            job = pool.submit(
+                evaluate_survey,
+                models,
+                surveys[name],
+                localizer=localizers[localizer],
+                name=localizer,
+                paired=localizer == first,
+                resamples=resamples,
+            )
+            jobs.append(job)
+        done = [job.result() for job in track(jobs, "evaluate", unit="sets and surveys")]
+    rows = [row for found in done for row in found.rows]
+    # All tests of a family are corrected together, so only when all of them are known.
+    tests = scoring.correct(row for found in done for row in found.tests)
+    localized = dict(zip(pairs, (found.survey for found in done[len(sets) :]), strict=True))
+    return Comparison(models, roles, sets, localized, rows, tests)
+
+
+def evaluate_set(models: Models, folder: Path, *, resamples: int) -> Evaluation:
+    """Evaluate models on a labelled set.
+
+    On a set that any of them was trained on, all are evaluated on held-out rows, and not tested in
+    pairs.
+
+    Args:
+        models: finished runs of each model.
+        folder: folder of the set.
+        resamples: bootstrap draws.
+    """
+    dataset = Dataset(folder)
+    labelled = label_rows(dataset, resamples=resamples)
+    trained_on = {run.data_digest for runs in models.values() for run in runs}
+    known = dataset.digest in trained_on
+    predictions = {}
+    for model, runs in models.items():
+        predictions[model] = [predict_rows(run, dataset, held_out=known) for run in runs]
+    chance = {Model("chance"): [scoring.trivial_predictions(labelled.reference)["chance"]]}
+    rows: list[Row] = []
+    for model, given in (predictions | chance).items():
+        rows.extend(scoring.score_labels(model, given, labelled=labelled))
+    tests = [] if known else list(against_baseline(predictions, labelled, metric="auc"))
+    return Evaluation(rows, tests)
+
+
+def evaluate_survey(
+    models: Models,
+    folder: Path,
+    *,
+    localizer: Localizer,
+    name: str,
+    paired: bool,
+    resamples: int,
+) -> Evaluation:
+    """Evaluate models by the maps they leave of a survey.
+
+    Args:
+        models: finished runs of each model.
+        folder: folder of the survey.
+        localizer: estimates the echoes.
+        name: name of the localizer.
+        paired: whether models are tested in pairs, at the SNRs that tables show.
+        resamples: bootstrap draws.
+    """
+    survey = localize_survey(folder, localizer, name=name, resamples=resamples)
+    references = scoring.trivial_predictions(survey.labelled.reference)
+    predictions = {}
+    for model, runs in models.items():
+        predictions[model] = [predict_echoes(run, survey) for run in runs]
+    everyone = {Model(name): [given] for name, given in references.items()} | predictions
+    rows: list[Row] = []
+    for model, each in everyone.items():
+        rows.extend(scoring.score_map(model, each, survey=survey))
+    tests: list[Row] = []
+    if paired and survey.snr_db in SHOWN_DB:
+        tests.extend(
+            against_baseline(
+                predictions, survey.labelled, metric="balanced_accuracy", snr_db=survey.snr_db
+            )
+        )
+    return Evaluation(rows, tests, survey)
+
+
+def against_baseline(
+    predictions: Mapping[Model, Sequence[Predictions]],
+    labelled: LabelledRows,
+    *,
+    metric: str,
+    snr_db: str = "",
+) -> Iterator[Row]:
+    """Test every model against the bare threshold of the same training and seeds.
+
+    Models of a leaky split are left out, and those that have no seed in common with the threshold.
+
+    Args:
+        predictions: what each model says about the test set.
+        labelled: the test set.
+        metric: "auc" or "balanced_accuracy".
+        snr_db: entry of that column.
+    """
+    baselines = {}
+    for model, given in predictions.items():
+        if model.classifier == BASELINE:
+            baselines[model.training] = given
+    for model, given in predictions.items():
+        baseline = baselines.get(model.training, ())
+        leaky = model.split == "row"
+        if model.classifier != BASELINE and not leaky and scoring.pair_seeds(given, baseline):
+            found = scoring.paired_difference(given, baseline, labelled=labelled, metric=metric)
+            about = model._asdict() | labelled.source._asdict()
+            yield about | {"against": BASELINE, "snr_db": snr_db} | found
