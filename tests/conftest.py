@@ -13,8 +13,8 @@ from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import circular_array, microphone_positions
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Observation, Pose, Room
+from echolearn.comparison.choice import Comparison
 from echolearn.comparison.compare import compare
-from echolearn.comparison.tables import Comparison
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import add_noise
@@ -87,9 +87,9 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> small.World:
 
 
 @pytest.fixture(scope="session")
-def contest(world: small.World) -> Comparison:
-    """Return its comparison, judged without processes of its own."""
-    return small.judged(world)
+def comparison(world: small.World) -> Comparison:
+    """Return its comparison, evaluated as `compare` does."""
+    return small.evaluated(world)
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,6 @@ from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +16,12 @@ from echolearn.acoustics.geometry import SearchWindow, circular_array
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Room
 from echolearn.cli import config
-from echolearn.comparison.compare import Walk, judge_set, judge_walk
-from echolearn.comparison.tables import Comparison, Contestant
+from echolearn.comparison.choice import Comparison
+from echolearn.comparison.evaluate import evaluate
 from echolearn.dataset.generate import folder_of
 from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.dataset.plans import GridPlan, Plan, ScatteredPlan
 from echolearn.dataset.records import records
-from echolearn.evaluation import scoring
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.snls import Snls
 from echolearn.simulation.levels import NoiseLevels
@@ -35,7 +33,7 @@ from echolearn.storage import manifests
 from echolearn.storage.identity import by_short_names, plain
 from echolearn.storage.once import locked
 from echolearn.training.export import export
-from echolearn.training.runs import Run, load_runs
+from echolearn.training.runs import load_runs
 from echolearn.training.split import Task
 from echolearn.training.train import train as train_run
 
@@ -177,25 +175,20 @@ def pack(world: World, classifier: str, runs: Path, **changes: Any) -> Path:
     return export(**arguments | {"runs": runs} | changes)
 
 
-def judged(world: World) -> Comparison:
-    """Compare the world, in this process."""
-    contestants: dict[Contestant, list[Run]] = defaultdict(list)
+def evaluated(world: World) -> Comparison:
+    """Return the comparison of the world."""
+    models = defaultdict(list)
     for run in load_runs(world.runs):
-        contestants[run.classifier, run.trained_on].append(run)
-    verdicts = [
-        judge_set(contestants, dataset.folder, name, 50) for name, dataset in world.sets.items()
-    ]
-    heard = {}
-    for walk, (localizer, listen) in product(WALKS, world.arguments["localizers"].items()):
-        task = Walk(
-            world.runs / "survey" / walk, f"{walk}/{localizer}", listen, tested=localizer == "gated"
-        )
-        verdicts.append(judge_walk(contestants, task, 50))
-        assert verdicts[-1].heard
-        heard[walk, localizer] = verdicts[-1].heard
-    rows = [row for verdict in verdicts for row in verdict.rows]
-    tests = scoring.correct(row for verdict in verdicts for row in verdict.tests)
-    return Comparison(contestants, world.sets, heard, rows, tests)
+        models[run.model].append(run)
+    return evaluate(
+        models,
+        roles={name: dataset.manifest["plan"]["role"] for name, dataset in world.sets.items()},
+        sets=world.sets,
+        surveys={name: world.runs / "survey" / name for name in WALKS},
+        localizers=world.arguments["localizers"],
+        resamples=50,
+        workers=1,
+    )
 
 
 def coming_second(

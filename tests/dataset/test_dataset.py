@@ -38,7 +38,7 @@ from echolearn.simulation.observe import observe
 from echolearn.simulation.scene import Scene
 from echolearn.storage import files, manifests
 from echolearn.storage.identity import digest
-from echolearn.training.runs import sheet_of
+from echolearn.training.runs import label_rows
 from echolearn.training.split import split
 
 
@@ -293,9 +293,9 @@ def test_rows_with_diffuse_noise_depend_on_the_seed_alone(
     assert np.abs(rows["sdnr_db"]).max() <= 20
     expected = -10 * np.log10(10 ** (-rows["snr_db"] / 10) + 10 ** (-rows["sdnr_db"] / 10))
     assert np.allclose(rows.ratio_db, expected)
-    sheet = sheet_of(rows, "hovering", resamples=2)
-    assert sheet.noise == "white+rotor"
-    assert np.array_equal(sheet.snr_db, rows.ratio_db)
+    labelled = label_rows(rows, resamples=2)
+    assert labelled.source.noise == "white+rotor"
+    assert np.array_equal(labelled.joint_snr_db, rows.ratio_db)
 
 
 @pytest.mark.parametrize("whiten", [True, "spatial"])

@@ -18,7 +18,7 @@ from echolearn.acoustics.geometry import circular_array, distance_to_outline, ou
 from echolearn.acoustics.types import Array, Probe, Room
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
-from echolearn.comparison.localized import hear
+from echolearn.comparison.localized import localize_survey
 from echolearn.evaluation import metrics
 from echolearn.robot.survey_map import draw
 from echolearn.simulation.noise.white import White
@@ -61,7 +61,7 @@ def test_the_map_is_what_the_laboratory_hears(
     folder = draw(survey=walk, bundle=packed, runs=tmp_path)
     assert sorted(content(folder)) == FILES
     gated = world.arguments["localizers"]["gated"]
-    heard = hear(walk, gated, name="hall_0dB/gated", resamples=9)
+    heard = localize_survey(walk, gated, name="gated", resamples=9)
     [run] = [run for run in load_runs(world.runs) if run.classifier == "trees_features"]
     confidence = run.confidence(heard.columns)
     found = rows(folder)
@@ -71,8 +71,8 @@ def test_the_map_is_what_the_laboratory_hears(
     assert [row["kept"] == "1" for row in found] == (confidence >= run.threshold).tolist()
     scores = json.loads((folder / "manifest.json").read_text())["scores"]
     kept = confidence >= run.threshold
-    assert scores["precision"] == pytest.approx(heard.sheet.reference[kept].mean())
-    assert scores["true_retention"] == pytest.approx(kept[heard.sheet.reference].mean())
+    assert scores["precision"] == pytest.approx(heard.labelled.reference[kept].mean())
+    assert scores["true_retention"] == pytest.approx(kept[heard.labelled.reference].mean())
 
 
 def test_a_finished_map_is_shown_again_and_another_survey_makes_another(
@@ -198,7 +198,7 @@ def test_a_direct_path_that_is_present_is_removed(
     believed = [
         np.array([float(row["confidence"]) for row in found]) for found in (removed, present)
     ]
-    true = distance_to_outline(places[0], np.array(survey.walls)) <= metrics.TOLERANCE
+    true = distance_to_outline(places[0], np.array(survey.walls)) <= metrics.MAP_TOLERANCE
     assert same[true].mean() > 0.95
     assert np.abs(believed[0] - believed[1])[same].mean() < 0.03
 
@@ -244,7 +244,9 @@ def test_the_way_to_remove_the_direct_path_is_chosen(
 
     def true(way: str) -> float:
         return float(
-            np.mean(distance_to_outline(places[way], np.array(survey.walls)) <= metrics.TOLERANCE)
+            np.mean(
+                distance_to_outline(places[way], np.array(survey.walls)) <= metrics.MAP_TOLERANCE
+            )
         )
 
     assert min(true("first"), true("fitted")) > true("removed") - 0.05
@@ -284,7 +286,7 @@ def test_another_simulator_at_another_rate_with_a_turned_array_is_mapped(
     found = rows(draw(survey=walk, bundle=packed, runs=tmp_path, resample=True))
     points = np.array([[float(row["x_m"]), float(row["y_m"])] for row in found])
     kept = np.array([row["kept"] == "1" for row in found])
-    true = distance_to_outline(points, outline(tower)) <= metrics.TOLERANCE
+    true = distance_to_outline(points, outline(tower)) <= metrics.MAP_TOLERANCE
     assert true.mean() > 0.8 and kept.sum() >= 12
     assert true[kept].mean() >= 0.9
 

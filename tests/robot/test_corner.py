@@ -9,8 +9,8 @@ import pytest
 
 from echolearn.acoustics.geometry import SearchWindow, distance_to_outline, outline, wall_points
 from echolearn.acoustics.types import Array, Room
-from echolearn.comparison.compare import Walk, judge_walk
-from echolearn.comparison.localized import hear
+from echolearn.comparison.evaluate import evaluate_survey
+from echolearn.comparison.localized import localize_survey
 from echolearn.dataset.generate import generate
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.dataset.plans import GridPlan, Plan
@@ -132,31 +132,32 @@ def test_the_robot_hears_what_the_laboratory_hears(
     assert scorer.bundle.localizer.echoes == 2
     folder = world.runs / "survey" / "hall_0dB"
     walk = reader.read(folder)
-    heard = hear(folder, scorer.bundle.localizer, name="hall_0dB/two", resamples=9)
+    heard = localize_survey(folder, scorer.bundle.localizer, name="two", resamples=9)
     found = scorer.listen(walk.observe(range(POSES)), walk.poses)
     assert found.map.points.shape == (2 * POSES, 2) and found.echoes.toa.shape == (POSES, 2)
     assert np.abs(found.map.points - heard.points).max() <= 1e-5
     assert np.abs(found.map.confidence - run.confidence(heard.columns)).max() <= 1e-5
-    assert np.array_equal(heard.sheet.groups, np.repeat(np.arange(POSES), 2))
-    single = hear(folder, Gated(WINDOW, 36), name="hall_0dB/one", resamples=9)
-    assert heard.sheet.reference.sum() > 1.1 * single.sheet.reference.sum(), (
+    assert np.array_equal(heard.labelled.groups, np.repeat(np.arange(POSES), 2))
+    single = localize_survey(folder, Gated(WINDOW, 36), name="one", resamples=9)
+    assert heard.labelled.reference.sum() > 1.1 * single.labelled.reference.sum(), (
         "corners have two walls"
     )
     assert 0 < found.map.kept.sum() < 2 * POSES
 
 
-def test_a_comparison_judges_every_echo(pairs: tuple[Path, Run], world: World) -> None:
+def test_a_comparison_evaluates_every_echo(pairs: tuple[Path, Run], world: World) -> None:
     _, run = pairs
-    task = Walk(
+    found = evaluate_survey(
+        {run.model: [run]},
         world.runs / "survey" / "hall_0dB",
-        "hall_0dB/two",
-        Gated(WINDOW, 36, echoes=2),
-        tested=False,
+        localizer=Gated(WINDOW, 36, echoes=2),
+        name="two",
+        paired=False,
+        resamples=20,
     )
-    verdict = judge_walk({(run.classifier, run.trained_on): [run]}, task, 20)
-    assert {row["n"] for row in verdict.rows} == {2 * POSES}
+    assert {row["n"] for row in found.rows} == {2 * POSES}
     [coverage] = [
-        r for r in verdict.rows if (r["classifier"], r["metric"]) == ("oracle", "wall_coverage")
+        r for r in found.rows if (r["classifier"], r["metric"]) == ("oracle", "wall_coverage")
     ]
     assert 0.5 < coverage["value"] <= 1.0
-    assert verdict.heard and np.array_equal(verdict.heard.corners, outline(HALL))
+    assert found.survey and np.array_equal(found.survey.corners, outline(HALL))

@@ -14,8 +14,8 @@ from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import MicArray, Observation
 from echolearn.checks import BadValue
-from echolearn.comparison.localized import hear
-from echolearn.evaluation.scoring import Heard
+from echolearn.comparison.localized import localize_survey
+from echolearn.evaluation.rows import LocalizedSurvey
 from echolearn.robot.scorer import BLOCK, Scorer, load
 from echolearn.survey import reader
 from echolearn.training.runs import Run, load_runs
@@ -40,10 +40,10 @@ def observation(walk: reader.Survey) -> Observation:
 
 
 @pytest.fixture(scope="module")
-def heard(world: World) -> Heard:
+def heard(world: World) -> LocalizedSurvey:
     """Return what the laboratory hears."""
     gated = world.arguments["localizers"]["gated"]
-    return hear(world.runs / "survey" / WALK, gated, name=WALK, resamples=9)
+    return localize_survey(world.runs / "survey" / WALK, gated, name="gated", resamples=9)
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_confidences_are_the_runs(scorer: Scorer, run: Run, world: World) -> Non
 
 
 def test_points_and_confidences_are_the_laboratorys(
-    scorer: Scorer, run: Run, heard: Heard, walk: reader.Survey, observation: Observation
+    scorer: Scorer, run: Run, heard: LocalizedSurvey, walk: reader.Survey, observation: Observation
 ) -> None:
     found = scorer.listen(observation, walk.poses)
     assert np.abs(found.map.points - heard.points).max() <= 1e-5

@@ -12,7 +12,7 @@ import pytest
 from echolearn.acoustics.geometry import outline
 from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue
-from echolearn.comparison.localized import hear
+from echolearn.comparison.localized import localize_survey
 from echolearn.localization.methods.gated import Gated
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.diffuse import Diffuse
@@ -292,9 +292,9 @@ def test_noise_that_is_not_white_is_recorded_alone_too(
 def test_conditions_tell_both_levels_and_both_noises(hovered: Path) -> None:
     known = reader.read(hovered).conditions
     assert (known["snr_db"], known["sdnr_db"], known["noise"]) == (40.0, -10.0, "white+rotor")
-    heard = hear(hovered, Gated(), name="hovered", resamples=2)
-    assert (heard.sheet.snr_db == -10.0).all()
-    assert heard.sheet.noise == "white+rotor"
+    heard = localize_survey(hovered, Gated(), name="gated", resamples=2)
+    assert (heard.labelled.joint_snr_db == -10.0).all()
+    assert heard.labelled.source.noise == "white+rotor"
 
 
 def test_rotors_alone_may_be_heard(walk: Walk, brief: Scene, tmp_path: Path) -> None:

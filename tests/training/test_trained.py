@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 
 from echolearn.checks import BadValue
-from echolearn.comparison.tables import Comparison
+from echolearn.comparison.choice import Comparison
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics
+from echolearn.evaluation.rows import Recordings
 from echolearn.storage import manifests
-from echolearn.training.runs import Run, answer_map, answer_set, load_runs, read_run, sheet_of
+from echolearn.training.runs import (
+    Run,
+    label_rows,
+    load_runs,
+    predict_echoes,
+    predict_rows,
+    read_run,
+)
 from echolearn.training.split import Task
 from world import TRAINED, World
-
-UNUSUAL = {
-    ("reflector", "position"): "grid",
-    ("on_map", "position"): "grid (on_map)",
-    ("reflector", "row"): "grid (row split)",
-    ("on_map", "row"): "grid (on_map, row split)",
-}
-
 
 @pytest.fixture(scope="module")
 def runs(world: World) -> list[Run]:
@@ -42,13 +42,6 @@ def test_every_finished_run_is_found_in_order(runs: list[Run]) -> None:
     assert {(run.classifier, run.trained_on, run.seed) for run in runs} == expected
     assert [run.identity for run in runs] == sorted(run.identity for run in runs)
     assert len(runs) == len(expected)
-
-
-@pytest.mark.parametrize("how", UNUSUAL, ids=UNUSUAL.values())
-def test_what_is_unusual_about_a_training_is_said(how: tuple[str, str]) -> None:
-    assert (
-        Run(Path(), {"plan": "grid", "target": how[0], "split": how[1]}).trained_on == UNUSUAL[how]
-    )
 
 
 def test_unfinished_runs_do_not_count(world: World, runs: list[Run], tmp_path: Path) -> None:
@@ -105,7 +98,7 @@ def test_on_its_own_set_a_run_answers_about_held_out_rows_as_it_did_in_training(
 ) -> None:
     for run in runs:
         dataset = world.sets[run.trained_on]
-        given = answer_set(run, dataset)
+        given = predict_rows(run, dataset)
         assert given.seed == run.seed and given.threshold == run.metrics["threshold"]
         assert np.array_equal(given.rows, Task(dataset, seed=run.seed).parts().test)
         again = metrics.evaluate_labels(
@@ -117,7 +110,7 @@ def test_on_its_own_set_a_run_answers_about_held_out_rows_as_it_did_in_training(
 
 def test_elsewhere_it_answers_about_every_row(world: World, runs: list[Run]) -> None:
     dataset = world.sets["offgrid_hall"]
-    given = answer_set(called(runs, "svm_pair", "scattered", 1), dataset)
+    given = predict_rows(called(runs, "svm_pair", "scattered", 1), dataset)
     assert np.array_equal(given.rows, np.arange(len(dataset)))
     assert ((given.confidence >= 0) & (given.confidence <= 1)).all()
 
@@ -131,11 +124,11 @@ def test_among_others_who_studied_a_set_it_answers_about_what_they_held_out(
         called(runs, "svm_pair", "grid", 0),
         called(runs, "svm_pair", "scattered", 0),
     )
-    rows = [answer_set(run, dataset, studied=True).rows for run in (stranger, student)]
+    rows = [predict_rows(run, dataset, held_out=True).rows for run in (stranger, student)]
     assert np.array_equal(*rows) and len(rows[0]) == 28
-    everything = answer_set(stranger, dataset)
+    everything = predict_rows(stranger, dataset)
     assert np.array_equal(
-        everything.confidence[rows[0]], answer_set(stranger, dataset, studied=True).confidence
+        everything.confidence[rows[0]], predict_rows(stranger, dataset, held_out=True).confidence
     )
 
 
@@ -145,14 +138,14 @@ def test_another_set_of_the_same_name_is_another_set(
     """What counts is the digest of the data."""
     copy = Dataset(shutil.copytree(world.sets["grid"].folder, tmp_path / "copy"))
     copy.digest = "another"
-    assert len(answer_set(called(runs, "svm_pair", "grid", 0), copy).rows) == len(copy)
+    assert len(predict_rows(called(runs, "svm_pair", "grid", 0), copy).rows) == len(copy)
 
 
 def test_a_threshold_orders_rows_as_its_column_does(world: World, runs: list[Run]) -> None:
     run, dataset = called(runs, "threshold_peak", "scattered", 0), world.sets["offgrid_hall"]
     by_column, by_confidence = (
         np.argsort(dataset["peak_to_rms"]),
-        np.argsort(answer_set(run, dataset).confidence),
+        np.argsort(predict_rows(run, dataset).confidence),
     )
     assert np.array_equal(by_column, by_confidence)
 
@@ -161,28 +154,28 @@ def test_inputs_are_stacked_in_the_runs_order(world: World, runs: list[Run]) -> 
     run, dataset = called(runs, "svm_pair", "scattered", 0), world.sets["offgrid_hall"]
     columns = {name: dataset[name] for name in ("power", "score", "toa")}
     swapped = columns | {"toa": dataset["power"], "power": dataset["toa"]}
-    expected = answer_set(run, dataset).confidence
+    expected = predict_rows(run, dataset).confidence
     assert np.array_equal(run.confidence(columns), expected)
     assert not np.allclose(run.confidence(swapped), expected)
 
 
-def test_every_echo_of_a_walk_is_answered(contest: Comparison, runs: list[Run]) -> None:
-    heard = contest.heard["hall_0dB", "gated"]
+def test_every_echo_of_a_walk_is_answered(comparison: Comparison, runs: list[Run]) -> None:
+    heard = comparison.surveys["hall_0dB", "gated"]
     run = called(runs, "threshold_peak", "scattered", 1)
-    given = answer_map(run, heard)
+    given = predict_echoes(run, heard)
     assert np.array_equal(given.rows, np.arange(len(heard.points)))
     assert np.array_equal(np.argsort(given.confidence), np.argsort(heard.columns["peak_to_rms"]))
     assert (given.seed, given.threshold) == (1, run.threshold)
 
 
-def test_a_sheet_is_judged_by_the_papers_label(world: World) -> None:
+def test_rows_are_labelled_as_the_paper_does(world: World) -> None:
     dataset = world.sets["scattered"]
-    sheet = sheet_of(dataset, "scattered", resamples=7)
-    assert np.array_equal(sheet.reference, dataset["reflector"])
-    assert np.array_equal(sheet.groups, dataset["group"])
-    assert np.array_equal(sheet.snr_db, dataset["snr_db"])
-    assert sheet.weights.shape == (7, len(dataset))
-    assert (sheet.name, sheet.noise) == ("scattered", "white")
+    labelled = label_rows(dataset, resamples=7)
+    assert np.array_equal(labelled.reference, dataset["reflector"])
+    assert np.array_equal(labelled.groups, dataset["group"])
+    assert np.array_equal(labelled.joint_snr_db, dataset["snr_db"])
+    assert labelled.weights.shape == (7, len(dataset))
+    assert labelled.source == Recordings("scattered", "set", "white", "training")
 
 
 @pytest.mark.parametrize("name", ["model.onnx", "metrics.json"])
@@ -195,7 +188,7 @@ def test_a_damaged_run_answers_nothing(
     content[len(content) // 2] ^= 1
     (copy.folder / name).write_bytes(bytes(content))
     with pytest.raises(BadValue, match=f"{name}: (damaged|cannot be read)"):
-        answer_set(copy, world.sets["grid"])
+        predict_rows(copy, world.sets["grid"])
 
 
 def test_a_run_of_before_is_left_out_and_refused_by_name(

@@ -31,8 +31,8 @@ from echolearn.bench.start import start
 from echolearn.bench.steps import steps
 from echolearn.checks import check, check_list, suggest
 from echolearn.comparison import report
-from echolearn.comparison.compare import to_csv
 from echolearn.dataset.plans import Plan, ScatteredPlan
+from echolearn.evaluation.rows import to_csv
 from echolearn.localization.localizer import Localizer
 from echolearn.runtime.processes import processes
 from echolearn.storage import manifests

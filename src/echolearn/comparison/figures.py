@@ -15,13 +15,19 @@ from matplotlib.figure import Figure
 
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import metrics
-from echolearn.evaluation.scoring import Answer, Heard, Row, Sheet
+from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Predictions, Row
 
 BLACK, ORANGE, SKY, GREEN, BLUE, RED, PURPLE, GREY = (
     "#000000", "#e69f00", "#56b4e9", "#009e73", "#0072b2", "#d55e00", "#cc79a7", "#7f7f7f"
 )  # fmt: skip
 CYCLE = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
 MARKERS = "osD^vP*Xhd<>"
+
+WOOD = "#c9a58d"
+"""Colour of what is spurious or rejected, where it should not catch the eye."""
+
+Panel = tuple[str, LocalizedSurvey, Array]
+"""A map: title, survey, and which of its points are kept, shape (P,), bool."""
 
 STYLE: Any = {
     "svg.hashsalt": "echolearn",
@@ -38,99 +44,91 @@ STYLE: Any = {
 
 
 def draw(paint: Callable[[Figure], None], *, width: float, height: float) -> str:
-    """Return the SVG of a figure of that size in inches, painted by `paint`."""
+    """Return the SVG of a figure.
+
+    Args:
+        paint: draws into the figure.
+        width, height: size in inches.
+    """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         paint(figure)
         text = StringIO()
-        figure.savefig(
-            text, format="svg", metadata={"Date": None, "Creator": None}, bbox_inches="tight"
-        )
+        # A date or a version would give the same data other bytes.
+        about = {"Date": None, "Creator": None}
+        figure.savefig(text, format="svg", metadata=about, bbox_inches="tight")
     return text.getvalue()
 
 
-def maps(panels: Sequence[tuple[str, Heard, Array]], *, columns: int = 2) -> str:
-    """Draw maps side by side.
+def stroke(number: int) -> dict[str, Any]:
+    """Return colour and marker of line `number`; they begin anew when they run out."""
+    return {"color": CYCLE[number % len(CYCLE)], "marker": MARKERS[number % len(MARKERS)]}
 
-    Args:
-        panels: title, survey, and which of its points are kept, shape (P,), bool.
-        columns: panels in a row.
-    """
+
+def legend_below(figure: Figure, axis: Axes, *, columns: int = 4) -> None:
+    """Explain the lines of an axis below the figure."""
+    handles, labels = axis.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+
+
+def maps(panels: Sequence[Panel], *, columns: int = 2) -> str:
+    """Draw maps side by side, `columns` of them in a row."""
     rows = -(-len(panels) // columns)
-    sizes = [np.ptp(heard.corners, axis=0) for _, heard, _ in panels]
-    height = sum(
-        max(s[1] / s[0] for s in sizes[r * columns : (r + 1) * columns]) for r in range(rows)
-    )
+    sides = [np.ptp(survey.corners, axis=0) for _, survey, _ in panels]
+    slopes = [height / width for width, height in sides]
+    height = sum(max(slopes[row * columns : (row + 1) * columns]) for row in range(rows))
 
     def paint(figure: Figure) -> None:
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
-        for axis, (title, heard, kept) in zip(axes, panels, strict=False):
-            paint_map(axis, title, heard, kept)
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=5)
+        for axis, (title, survey, kept) in zip(axes, panels, strict=False):
+            paint_map(axis, survey, title=title, kept=kept)
+        legend_below(figure, axes[0], columns=5)
 
     return draw(paint, width=4.6 * columns, height=4.0 * height + 0.8 * rows + 0.8)
 
 
-def paint_map(axis: Axes, title: str, heard: Heard, kept: Array) -> None:
-    """Draw one map: true walls, path, kept and rejected points, equal axes."""
-    true = heard.sheet.reference
-    corners = np.vstack([heard.corners, heard.corners[:1]])
-    axis.plot(*heard.poses.T, color="#b5b5b5", linewidth=1.0, label="path", zorder=1)
-    axis.plot(*corners.T, color=BLACK, linewidth=2.0, label="wall", zorder=2)
-    rejected = heard.points[~kept]
-    axis.plot(
-        *rejected.T,
-        linestyle="",
-        marker="x",
-        color="#c9a58d",
-        markersize=4,
-        markeredgewidth=0.9,
-        label="rejected",
-        zorder=3,
-    )
-    axis.plot(
-        *heard.points[kept & ~true].T,
-        linestyle="",
-        marker="^",
-        color=RED,
-        markersize=5,
-        label="kept, spurious",
-        zorder=4,
-    )
-    axis.plot(
-        *heard.points[kept & true].T,
-        linestyle="",
-        marker="o",
-        color=BLUE,
-        markersize=4,
-        label="kept, on a wall",
-        zorder=5,
-    )
-    precision = (
-        f"{(kept & true).sum() / kept.sum():.0%} of {kept.sum()} points on a wall"
-        if kept.any()
-        else "no points"
-    )
-    axis.set_title(f"{title}\n{precision}", fontsize=9)
-    low, high = heard.corners.min(axis=0) - 0.6, heard.corners.max(axis=0) + 0.6
-    axis.set(
-        aspect="equal",
-        xlim=(low[0], high[0]),
-        ylim=(low[1], high[1]),
-        xlabel="x / m",
-        ylabel="y / m",
-    )
+def paint_map(axis: Axes, survey: LocalizedSurvey, *, title: str, kept: Array) -> None:
+    """Draw one map: true walls, path, kept and rejected points, equal axes.
+
+    Args:
+        axis: where it is drawn.
+        survey: the survey.
+        title: title of the map.
+        kept: which of its points are kept, shape (P,), bool.
+    """
+    true = survey.labelled.reference
+    outline = np.vstack([survey.corners, survey.corners[:1]])
+    axis.plot(*survey.poses.T, color="#b5b5b5", linewidth=1.0, label="path", zorder=1)
+    axis.plot(*outline.T, color=BLACK, linewidth=2.0, label="wall", zorder=2)
+    cross: Any = {"marker": "x", "color": WOOD, "markersize": 4, "markeredgewidth": 0.9}
+    triangle: Any = {"marker": "^", "color": RED, "markersize": 5}
+    circle: Any = {"marker": "o", "color": BLUE, "markersize": 4}
+    # What matters most comes last, on top of the rest.
+    layers = {
+        "rejected": (~kept, cross),
+        "kept, spurious": (kept & ~true, triangle),
+        "kept, on a wall": (kept & true, circle),
+    }
+    for layer, (label, (shown, style)) in enumerate(layers.items(), start=3):
+        axis.plot(*survey.points[shown].T, linestyle="", label=label, zorder=layer, **style)
+    told = "no points"
+    if kept.any():
+        told = f"{(kept & true).sum() / kept.sum():.0%} of {kept.sum()} points on a wall"
+    axis.set_title(f"{title}\n{told}", fontsize=9)
+    left, bottom = survey.corners.min(axis=0) - 0.6
+    right, top = survey.corners.max(axis=0) + 0.6
+    axis.set(aspect="equal", xlim=(left, right), ylim=(bottom, top))
+    axis.set(xlabel="x / m", ylabel="y / m")
     axis.grid(visible=False)
 
 
 def over_snr(
     panels: Mapping[str, Mapping[str, Sequence[Row]]], *, ylabel: str, low: float = 0.0
 ) -> str:
-    """Draw a metric against SNR, a panel per room and a line per contestant, with intervals.
+    """Draw a metric against SNR, a panel per room and a line per model, with intervals.
 
     Args:
-        panels: title -> label -> rows of results.csv, one per SNR.
+        panels: rows of results.csv, one per SNR, by the line's label, by the panel's title.
         ylabel: name of the metric.
         low: lower end of the axis.
     """
@@ -139,142 +137,108 @@ def over_snr(
         axes = figure.subplots(1, len(panels), squeeze=False, sharey=True).ravel()
         for axis, (title, lines) in zip(axes, panels.items(), strict=True):
             for number, (label, rows) in enumerate(lines.items()):
-                paint_line(
-                    axis, label, sorted(rows, key=lambda row: float(row["snr_db"])), number=number
-                )
+                rising = sorted(rows, key=lambda row: float(row["snr_db"]))
+                paint_line(axis, rising, label=label, number=number)
             axis.set(title=title, xlabel="SNR / dB", ylim=(low, 1.03))
         axes[0].set_ylabel(ylabel)
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4)
+        legend_below(figure, axes[0])
 
     return draw(paint, width=max(4.6 * len(panels), 7.0), height=4.2)
 
 
-def paint_line(axis: Axes, label: str, rows: Sequence[Row], *, number: int) -> None:
-    """Draw one line with its interval as a band."""
-    x = [float(row["snr_db"]) for row in rows]
-    colour = CYCLE[number % len(CYCLE)]
-    axis.plot(
-        x,
-        [row["value"] for row in rows],
-        color=colour,
-        marker=MARKERS[number % len(MARKERS)],
-        markersize=4,
-        label=label,
-    )
-    axis.fill_between(
-        x,
-        [row["ci_low"] for row in rows],
-        [row["ci_high"] for row in rows],
-        color=colour,
-        alpha=0.12,
-        linewidth=0,
-    )
+def paint_line(axis: Axes, rows: Sequence[Row], *, label: str, number: int) -> None:
+    """Draw one line with its interval as a band.
+
+    Args:
+        axis: where it is drawn.
+        rows: rows of results.csv, by rising SNR.
+        label: name of the line.
+        number: number of the line, for its stroke.
+    """
+    x = np.array([row["snr_db"] for row in rows], dtype=float)
+    value, low, high = _figures(rows)
+    style = stroke(number)
+    axis.plot(x, value, markersize=4, label=label, **style)
+    axis.fill_between(x, low, high, color=style["color"], alpha=0.12, linewidth=0)
+
+
+def _figures(rows: Sequence[Row]) -> Array:
+    """Return value and both ends of the interval of each row, shape (3, rows)."""
+    cells = [(row["value"], row["ci_low"], row["ci_high"]) for row in rows]
+    return np.array(cells, dtype=float).reshape(-1, 3).T
 
 
 def bands(lines: Mapping[str, Sequence[Row]]) -> str:
-    """Draw AUC by SNR band with intervals, a group of points per band; rows of results.csv with
-    "low:high".
+    """Draw AUC by SNR band with intervals, a group of points per band.
+
+    Args:
+        lines: rows of results.csv with "low:high", by label.
     """
 
     def paint(figure: Figure) -> None:
         axis = figure.subplots()
-        names = list(dict.fromkeys(str(row["snr_db"]) for rows in lines.values() for row in rows))
+        names = list(dict.fromkeys(row["snr_db"] for rows in lines.values() for row in rows))
+        lowest = 0.5
         for number, (label, rows) in enumerate(lines.items()):
-            x = (
-                np.array([names.index(str(row["snr_db"])) for row in rows])
-                + (number - len(lines) / 2) * 0.07
-            )
-            value = np.array([row["value"] for row in rows])
-            spread = np.abs(np.array([[row["ci_low"], row["ci_high"]] for row in rows]).T - value)
-            style: Any = {
-                "color": CYCLE[number % len(CYCLE)],
-                "marker": MARKERS[number % len(MARKERS)],
-            }
-            axis.errorbar(
-                x,
-                value,
-                yerr=spread,
-                linestyle="",
-                markersize=4,
-                elinewidth=1,
-                label=label,
-                **style,
-            )
+            # Side by side within the band, or intervals would hide each other.
+            beside = (number - len(lines) / 2) * 0.07
+            x = np.array([names.index(row["snr_db"]) for row in rows]) + beside
+            value, low, high = _figures(rows)
+            spread = np.abs([low - value, high - value])
+            about: Any = {"linestyle": "", "markersize": 4, "elinewidth": 1, "label": label}
+            axis.errorbar(x, value, yerr=spread, **about, **stroke(number))
+            lowest = min([lowest, *low])
         axis.axhline(0.5, color=GREY, linestyle="--", linewidth=1)
         axis.set_xticks(range(len(names)), [name.replace(":", " to ") + " dB" for name in names])
-        lowest = min([0.5, *(float(row["ci_low"]) for rows in lines.values() for row in rows)])
         axis.set(ylabel="AUC", xlabel="SNR band", ylim=(lowest - 0.04, 1.02))
-        handles, labels = axis.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4)
+        legend_below(figure, axis)
 
     return draw(paint, width=9.2, height=4.4)
 
 
-def belief(answers: Mapping[str, Answer], sheet: Sheet) -> str:
-    """Draw precision-recall and reliability curves of several classifiers on one labelled set."""
+def belief(predictions: Mapping[str, Predictions], labelled: LabelledRows) -> str:
+    """Draw precision-recall and reliability curves of several models on one labelled set."""
 
     def paint(figure: Figure) -> None:
         left, right = figure.subplots(1, 2)
-        for number, (label, answer) in enumerate(answers.items()):
-            reference = sheet.reference[answer.rows]
-            precision, recall, _ = metrics.pr_curve(reference, answer.confidence)
-            _, mean, observed, _ = metrics.reliability_curve(reference, answer.confidence)
-            colour = CYCLE[number % len(CYCLE)]
-            left.plot(recall, precision, color=colour, label=label)
-            right.plot(
-                mean,
-                observed,
-                color=colour,
-                marker=MARKERS[number % len(MARKERS)],
-                markersize=4,
-                label=label,
-            )
-        left.axhline(sheet.reference.mean(), color=GREY, linestyle="--", linewidth=1)
-        left.set(
-            xlabel="recall",
-            ylabel="precision",
-            ylim=(0, 1.03),
-            xlim=(0, 1.01),
-            title="precision and recall",
-        )
+        for number, (label, given) in enumerate(predictions.items()):
+            reference = labelled.reference[given.rows]
+            precision, recall = metrics.pr_curve(reference, given.confidence)
+            mean, observed = metrics.reliability_curve(reference, given.confidence)
+            style = stroke(number)
+            left.plot(recall, precision, color=style["color"], label=label)
+            right.plot(mean, observed, markersize=4, label=label, **style)
+        left.axhline(labelled.reference.mean(), color=GREY, linestyle="--", linewidth=1)
+        left.set(title="precision and recall", xlabel="recall", ylabel="precision")
+        left.set(xlim=(0, 1.01), ylim=(0, 1.03))
         right.plot([0, 1], [0, 1], color=GREY, linestyle="--", linewidth=1)
-        right.set(
-            xlabel="mean confidence",
-            ylabel="share of reflectors",
-            title="reliability",
-            xlim=(0, 1),
-            ylim=(0, 1),
-        )
-        handles, labels = left.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4)
+        right.set(title="reliability", xlabel="mean confidence", ylabel="share of reflectors")
+        right.set(xlim=(0, 1), ylim=(0, 1))
+        legend_below(figure, left)
 
     return draw(paint, width=9.2, height=4.4)
 
 
 def arrival_times(sets: Mapping[str, tuple[Array, Array]]) -> str:
-    """Draw what a classifier that knows the TOA alone can learn: true reflectors and others by
-    estimated TOA.
+    """Draw what a classifier that knows the TOA alone can learn: how labels depend on the TOA.
 
     Args:
-        sets: title -> estimated TOA in ms, shape (B,), and whether it is a reflector, shape (B,).
+        sets: estimated TOA in ms, shape (B,), and whether it is a reflector, shape (B,), by title.
     """
+    every = np.concatenate([toa for toa, _ in sets.values()])
+    edges = np.linspace(every.min(), every.max(), 65)
 
     def paint(figure: Figure) -> None:
         axes = figure.subplots(1, len(sets), squeeze=False, sharey=True).ravel()
-        low = min(toa.min() for toa, _ in sets.values())
-        edges = np.linspace(low, max(toa.max() for toa, _ in sets.values()), 65)
         for axis, (title, (toa, reflector)) in zip(axes, sets.items(), strict=True):
-            weight = 1.0 / len(toa)
             both = [toa[reflector], toa[~reflector]]
-            labels, colours = ["reflector", "spurious"], [BLUE, "#c9a58d"]
             axis.hist(
                 both,
                 edges,
-                weights=[np.full(len(v), weight) for v in both],
+                weights=[np.full(len(part), 1.0 / len(toa)) for part in both],
                 stacked=True,
-                label=labels,
-                color=colours,
+                label=["reflector", "spurious"],
+                color=[BLUE, WOOD],
             )
             axis.set(title=title, xlabel="estimated time of arrival / ms")
         axes[0].set_ylabel("share of observations")
@@ -302,18 +266,8 @@ def powers(
         for axis, (parameter, lines) in zip(axes, panels.items(), strict=True):
             for number, (label, points) in enumerate(lines.items()):
                 x, median, low, high = np.array(points).T
-                style: Any = {
-                    "color": CYCLE[number % len(CYCLE)],
-                    "marker": MARKERS[number % len(MARKERS)],
-                }
-                axis.errorbar(
-                    x,
-                    median,
-                    yerr=[median - low, high - median],
-                    markersize=4,
-                    label=label,
-                    **style,
-                )
+                spread = [median - low, high - median]
+                axis.errorbar(x, median, yerr=spread, markersize=4, label=label, **stroke(number))
             ticks = sorted({point[0] for points in lines.values() for point in points})
             axis.set(
                 xscale="log",

@@ -91,7 +91,9 @@ def main_localizer(comparison: Comparison) -> str:
 def away(comparison: Comparison) -> str:
     """Return the set whose curves are drawn: the first made for testing, or the last one."""
     names = list(comparison.sets)
-    made_for_it = [name for name in names if comparison.sets[name].manifest["plan"]["role"] == "test"]
+    made_for_it = [
+        name for name in names if comparison.sets[name].manifest["plan"]["role"] == "test"
+    ]
     return (made_for_it or names[-1:])[0]
 
 

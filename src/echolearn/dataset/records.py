@@ -38,13 +38,11 @@ from echolearn.acoustics.geometry import (
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.dataset.plans import Plan, Spot
-from echolearn.evaluation.matching import UNMATCHED, match_echoes
+from echolearn.evaluation.matching import TOA_TOLERANCE_SAMPLES, UNMATCHED, match_echoes
+from echolearn.evaluation.metrics import MAP_TOLERANCE
 from echolearn.localization.localize import localize
 from echolearn.simulation.observe import NOISE_SECONDS, add_noise, noise_alone
 from echolearn.simulation.scene import Scene
-
-TOLERANCE_SAMPLES = 10
-MAP_TOLERANCE = 0.10
 
 
 class Heard(NamedTuple):
@@ -148,7 +146,7 @@ def labels(spots: tuple[Spot, ...], echoes: Echoes, scene: Scene) -> dict[str, A
     """Return the labels of echoes (B, R), heard at B spots: arrays of B * R rows, observation by
     observation.
     """
-    shape, tolerance = echoes.toa.shape, TOLERANCE_SAMPLES / scene.probe.sample_rate
+    shape, tolerance = echoes.toa.shape, TOA_TOLERANCE_SAMPLES / scene.probe.sample_rate
     truth, wall, on_map = (
         np.full((*shape, 6), np.nan),
         np.empty(shape, dtype=int),

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import offset_copy
 
-from echolearn.comparison.compare import to_csv
 from echolearn.comparison.figures import CYCLE, GREY, MARKERS, draw
+from echolearn.evaluation.rows import to_csv
 
 FORMAT = 5
 """Version of the files; part of a study's identity."""

@@ -23,15 +23,16 @@ from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import BadValue, check, check_name, check_whole
 from echolearn.classifiers.inputs import COVARIANCE, as_input, view_of
 from echolearn.dataset.labelled_set import Dataset
-from echolearn.evaluation import metrics, scoring
+from echolearn.evaluation import metrics, stats
 from echolearn.localization import features
 from echolearn.robot import bundle, scorer
+from echolearn.robot.schema import FIGURE
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.identity import KIND, plain
 from echolearn.storage.once import locked
 from echolearn.survey import audio
-from echolearn.training.runs import Run, answer_set, read_run, sheet_of
+from echolearn.training.runs import Run, label_rows, predict_rows, read_run
 
 LIBRARIES = ("numpy", "scipy", "onnxruntime", "torch", "scikit-learn")
 """Those whose versions a bundle tells."""
@@ -231,39 +232,36 @@ def judged_rows(run: Run, dataset: Dataset, *, resamples: int) -> dict[str, Any]
     """Return every metric of labels on the rows that the run held out, with 95 % intervals over
     positions.
     """
-    answer, sheet = answer_set(run, dataset), sheet_of(dataset, dataset.name, resamples=resamples)
+    given = predict_rows(run, dataset)
+    labelled = label_rows(dataset, resamples=resamples)
 
-    def every(given: scoring.Answer, weights: Array | None) -> Mapping[str, Array]:
-        reference = sheet.reference[given.rows]
+    def every(weights: Array | None) -> dict[str, Array]:
         return metrics.evaluate_labels(
-            reference, given.confidence, threshold=given.threshold, weights=weights
+            labelled.reference[given.rows],
+            given.confidence,
+            threshold=given.threshold,
+            weights=weights,
         )
 
-    rows = scoring.judge((run.classifier, run.trained_on), [answer], sheet, every)
+    found = stats.intervals(every, labelled.weights[:, given.rows])
     figures = {
-        row["metric"]: {key: _finite(row[key]) for key in ("value", "ci_low", "ci_high")}
-        for row in rows
+        name: {key: _finite(value) for key, value in zip(FIGURE, each, strict=True)}
+        for name, each in found.items()
     }
-    return {"set": dataset.name, "rows": len(answer.rows), "figures": figures}
+    return {"set": dataset.name, "rows": len(given.rows), "figures": figures}
 
 
 def judged_maps(comparison: Path, run: Run) -> list[dict[str, Any]]:
     """Return what a comparison says of the maps that this classifier leaves, mean over its seeds."""
+    wanted = {**run.model._asdict(), "seed": "", "kind": "survey"}
+    found = []
     with (comparison / "results.csv").open(newline="") as file:
-        found = [
-            row
-            for row in DictReader(file)
-            if (row["classifier"], row["trained_on"], row["seed"])
-            == (run.classifier, run.trained_on, "")
-            and row["metric"] in MAPS
-            and "/" in row["tested_on"]
-        ]
-    keys = ("value", "ci_low", "ci_high")
-    return [
-        {key: row[key] for key in ("tested_on", "metric")}
-        | {key: _finite(row[key]) for key in keys}
-        for row in found
-    ]
+        for row in DictReader(file):
+            if row["metric"] in MAPS and all(row[key] == value for key, value in wanted.items()):
+                where = f"{row['tested_on']}/{row['localizer']}"
+                figure = {key: _finite(row[key]) for key in FIGURE}
+                found.append({"tested_on": where, "metric": row["metric"], **figure})
+    return found
 
 
 def _finite(value: Any) -> float | None:

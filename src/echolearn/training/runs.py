@@ -15,7 +15,13 @@ from echolearn.checks import check
 from echolearn.classifiers.inputs import COVARIANCE, view_of
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import stats
-from echolearn.evaluation.scoring import Answer, Heard, Sheet
+from echolearn.evaluation.rows import (
+    LabelledRows,
+    LocalizedSurvey,
+    Model,
+    Predictions,
+    Recordings,
+)
 from echolearn.simulation.scene import noise_kind
 from echolearn.storage import manifests
 from echolearn.storage.identity import digest
@@ -71,11 +77,14 @@ class Run:
         return str(self.metrics["split"])
 
     @property
+    def model(self) -> Model:
+        """Return what it shares with the runs of other seeds."""
+        return Model(self.classifier, self.plan, self.role, self.method, self.split, self.target)
+
+    @property
     def trained_on(self) -> str:
         """Name of the set, with what is unusual about the training."""
-        unusual = [self.metrics["target"]] * (self.metrics["target"] != "reflector")
-        unusual += [f"{self.metrics['split']} split"] * (self.metrics["split"] != "position")
-        return f"{self.metrics['plan']}" + (f" ({', '.join(unusual)})" if unusual else "")
+        return self.model.training
 
     @property
     def seed(self) -> int:
@@ -201,36 +210,40 @@ def _title(run: Run) -> tuple[str, str, int]:
     return run.classifier, run.trained_on, run.seed
 
 
-def sheet_of(dataset: Dataset, name: str, *, resamples: int) -> Sheet:
-    """Return the sheet of a labelled set, judged by the paper's label."""
-    weights = stats.cluster_weights(dataset["group"], resamples=resamples)
-    noise = noise_kind(
-        dataset.manifest["plan"]["scene"], sensor=bool(np.isfinite(dataset["snr_db"]).any())
+def label_rows(dataset: Dataset, *, resamples: int) -> LabelledRows:
+    """Return what is known of a labelled set by the paper's label, with its bootstrap draws."""
+    plan = dataset.manifest["plan"]
+    sensor = bool(np.isfinite(dataset["snr_db"]).any())
+    return LabelledRows(
+        Recordings(
+            dataset.name,
+            kind="set",
+            noise=noise_kind(plan["scene"], sensor=sensor),
+            set_role=plan["role"],
+        ),
+        reference=dataset["reflector"],
+        groups=dataset["group"],
+        joint_snr_db=dataset.ratio_db,
+        weights=stats.cluster_weights(dataset["group"], resamples=resamples),
     )
-    return Sheet(name, dataset["reflector"], dataset["group"], dataset.ratio_db, weights, noise)
 
 
-def answer_set(run: Run, dataset: Dataset, *, studied: bool = False) -> Answer:
-    """Let a run answer about a set.
+def predict_rows(run: Run, dataset: Dataset, *, held_out: bool = False) -> Predictions:
+    """Return what a run says about a set.
 
     Args:
         run: a finished run.
         dataset: the set; only the rows that the run held out if it was trained on it.
-        studied: whether any of those it competes with was; then all are asked about the same rows,
+        held_out: only those rows of any set, so that all models are asked about the same ones,
             seed by seed.
     """
     own = run.data_digest == dataset.digest
-    rows = run.held_out(dataset) if own or studied else np.arange(len(dataset))
-    return Answer(
-        run.seed,
-        rows,
-        run.confidence({name: dataset[name][rows] for name in run.inputs}),
-        run.threshold,
-    )
+    rows = run.held_out(dataset) if own or held_out else np.arange(len(dataset))
+    columns = {name: dataset[name][rows] for name in run.inputs}
+    return Predictions(run.seed, rows, run.confidence(columns), run.threshold)
 
 
-def answer_map(run: Run, heard: Heard) -> Answer:
-    """Let a run answer about every echo of a survey."""
-    return Answer(
-        run.seed, np.arange(len(heard.points)), run.confidence(heard.columns), run.threshold
-    )
+def predict_echoes(run: Run, survey: LocalizedSurvey) -> Predictions:
+    """Return what a run says about every echo of a survey."""
+    rows = np.arange(len(survey.points))
+    return Predictions(run.seed, rows, run.confidence(survey.columns), run.threshold)
