@@ -4,9 +4,10 @@ The checks stand below every room, so that whoever is handed a value can refuse 
 """
 
 import math
+import re
 from collections.abc import Sequence
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,7 @@ LONGEST_NAME = 100
 
 
 class BadValue(ValueError):
-    """A value from outside that cannot be used: `name=value unit`, what is allowed, the likely
-    mistake.
-    """
+    """A value from outside that cannot be used, in the one-line form of this module's header."""
 
 
 def check(condition: bool, name: str, value: object, *, allowed: str, hint: str = "") -> None:
@@ -35,10 +34,10 @@ def check(condition: bool, name: str, value: object, *, allowed: str, hint: str 
         raise BadValue(f"{name}={value}: {allowed}" + (f"; {hint}" if hint else ""))
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Tell whether `value` is a finite real number (a bool is not)."""
-    real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    return real and math.isfinite(value)  # type: ignore[arg-type]
+    real = isinstance(value, int | float | np.integer | np.floating)
+    return real and not isinstance(value, bool) and math.isfinite(value)
 
 
 def check_number(
@@ -50,105 +49,128 @@ def check_number(
     unit: str = "",
     hint: str = "",
 ) -> None:
-    """Raise `BadValue` unless `value` is a number in [low, high]."""
-    allowed = f"a number from {low:g} to {high:g}" + (f" {unit}" if unit else "")
-    shown = f"{value} {unit}".rstrip()
+    """Raise `BadValue` unless `value` is a number in [low, high].
+
+    Args:
+        name: dotted name of the argument.
+        value: its value.
+        low, high: least and largest number allowed.
+        unit: of all three, for the message.
+        hint: the likely mistake.
+    """
+    if not is_number(value):
+        hint = hint or "was text given for a number?"
     check(
-        is_number(value), name, shown, allowed=allowed, hint=hint or "was text given for a number?"
+        is_number(value) and low <= value <= high,
+        name,
+        f"{value} {unit}".rstrip(),
+        allowed=f"must be a number from {low:g} to {high:g} {unit}".rstrip(),
+        hint=hint,
     )
-    check(low <= float(value) <= high, name, shown, allowed=allowed, hint=hint)  # type: ignore[arg-type]
 
 
 def check_whole(
     name: str, value: object, *, low: int, high: int = 10**9, unit: str = "", hint: str = ""
 ) -> None:
-    """Raise `BadValue` unless `value` is a whole number in [low, high]."""
-    check_number(name, value, low=low, high=high, unit=unit, hint=hint)
+    """Raise `BadValue` unless `value` is a whole number in [low, high].
+
+    Args:
+        name: dotted name of the argument.
+        value: its value.
+        low, high: least and largest number allowed.
+        unit: of all three, for the message.
+        hint: the likely mistake.
+    """
     check(
-        isinstance(value, int | np.integer),
+        is_number(value) and isinstance(value, int | np.integer) and low <= value <= high,
         name,
         f"{value} {unit}".rstrip(),
-        allowed="a whole number",
+        allowed=f"must be a whole number from {low} to {high} {unit}".rstrip(),
         hint=hint,
     )
 
 
 def check_name(name: str, value: object) -> None:
-    """Raise `BadValue` unless `value` can name a folder: letters, digits, dots, - and _, no dot or
-    - first.
-    """
-    spelled = (
-        isinstance(value, str)
-        and value[:1] not in ".-"
-        and all(c.isalnum() or c in "._-" for c in value)
-    )
+    """Raise `BadValue` unless `value` can name a folder: letters, digits, dots, - and _."""
     check(
-        bool(spelled and value),
+        isinstance(value, str) and re.fullmatch(r"\w[\w.-]*", value) is not None,
         name,
         value,
-        allowed="a name of letters, digits, dots, - and _",
-        hint="no path",
+        allowed="must be letters, digits, dots, - and _, the first a letter, a digit or _",
+        hint="a path is no name",
     )
     size = len(str(value).encode())
     check(
         size <= LONGEST_NAME,
         name,
         f"{value!s:.20}...",
-        allowed=f"at most {LONGEST_NAME} bytes",
+        allowed=f"must have at most {LONGEST_NAME} bytes",
         hint=f"it has {size}",
     )
 
 
 def check_list(
-    name: str, value: object, *, length: int | None = None, allowed: str = "a list, [a,b]"
+    name: str, value: object, *, length: int | None = None, allowed: str = "must be a list, [a,b]"
 ) -> None:
-    """Raise `BadValue` unless `value` is a list, of `length` items if that is given."""
-    listed = isinstance(value, list | tuple | np.ndarray)
-    fits = listed and length in (None, len(value))  # type: ignore[arg-type]
-    check(
-        fits,
-        name,
-        list(value) if listed else value,
-        allowed=allowed,
-        hint="" if listed else "are brackets missing?",
-    )  # type: ignore[call-overload]
+    """Raise `BadValue` unless `value` is a list, of `length` items if that is given.
+
+    Args:
+        name: dotted name of the argument.
+        value: its value.
+        length: number of items.
+        allowed: what would be accepted, for the message.
+    """
+    if not isinstance(value, list | tuple | np.ndarray):
+        check(False, name, value, allowed=allowed, hint="are brackets missing?")
+    else:
+        check(length in (None, len(value)), name, list(value), allowed=allowed)
 
 
 def real_array(name: str, value: object, *, allowed: str, hint: str = "") -> NDArray[Any]:
-    """Return real numbers of any dtype as float64, or raise `BadValue`: sums of squares would
-    overflow int16 unseen.
+    """Return real numbers of any dtype as float64, or raise `BadValue`.
+
+    Args:
+        name: dotted name of the argument.
+        value: its value.
+        allowed: what would be accepted, for the message.
+        hint: the likely mistake.
     """
     try:
         array = np.asarray(value)
-    except ValueError:  # rows of several lengths
+    except ValueError:
+        # Rows of several lengths are no array.
         array = np.array(None)
     check(array.dtype.kind in "iuf", name, f"dtype {array.dtype}", allowed=allowed, hint=hint)
+    # Sums of squares would overflow int16 unseen.
     found: NDArray[Any] = array.astype(float, copy=False)
     return found
 
 
-def finite_array(name: str, value: object, *, shape: tuple[int, ...], allowed: str) -> NDArray[Any]:
-    """Return finite real numbers of a shape, in which -1 is any number, as float64, or raise
-    `BadValue`.
+def finite_vector(
+    name: str, value: object, *, allowed: str, length: int | None = None
+) -> NDArray[Any]:
+    """Return a list of finite real numbers as float64, or raise `BadValue`.
+
+    Args:
+        name: dotted name of the argument.
+        value: its value.
+        allowed: what would be accepted, for the message.
+        length: number of items; any unless given.
     """
     array = real_array(name, value, allowed=allowed)
-    fits = array.ndim == len(shape) and all(
-        want in (-1, n) for n, want in zip(array.shape, shape, strict=True)
-    )
+    fits = array.ndim == 1 and length in (None, len(array))
     check(fits, name, f"shape {array.shape}", allowed=allowed)
     check(bool(np.isfinite(array).all()), name, "NaN or infinity", allowed=allowed)
     return array
 
 
 def suggest(word: str, known: Sequence[str]) -> str:
-    """Return the name in `known` that comes closest to `word`, by its last part if not as a whole,
-    or all of them.
-    """
+    """Return the known name that comes closest, by its last part if not as a whole, or all."""
     if not known:
         return "it has none"
     leaves = {name.rpartition(".")[2]: name for name in reversed(known)}
-    near = get_close_matches(word, known, n=1) or [
-        leaves[leaf] for leaf in get_close_matches(word, list(leaves), n=1)
-    ]
-    top = [name for name in known if "." not in name]
-    return f"did you mean {near[0]}?" if near else f"known are {', '.join(top)}"
+    near = get_close_matches(word, known, n=1)
+    near += [leaves[leaf] for leaf in get_close_matches(word, list(leaves), n=1)]
+    if near:
+        return f"did you mean {near[0]}?"
+    return f"known are {', '.join(name for name in known if '.' not in name)}"
