@@ -71,7 +71,7 @@ def hear(scene: Scene) -> Hear:
                 room, pose.position, places, sample_rate=22050.0, speed_of_sound=343.0
             )
         robot = replace(scene, probe=noise_probe(seed=probe))
-        received = signals.convolve(robot.probe.samples, responses[key], robot.probe.length)
+        received = signals.convolve(robot.probe.samples, responses[key], length=robot.probe.length)
         draws = (np.random.default_rng([probe, trial]) for trial in range(trials))
         levels = NoiseLevels(snr_db)
         samples = [add_noise(received, robot, levels=levels, rng=rng) for rng in draws]

@@ -242,7 +242,7 @@ SURVEYS |= {
     "a pose of NaN": poses("poses.csv row 2 x_m='nan': a number", "\n0,", "\n0,nan,1,1,0,a\n0,"),
     "a pose at infinity": poses("poses.csv row 2 x_m='1e999': a number", "\n0,", "\n0,1e999,1,1,0,a\n0,"),
     "a pose in degrees": poses("poses.csv row 2 heading_rad='270'", "\n0,", "\n9,0,1,1,270,a\n0,"),
-    "a pose on the moon": poses("poses.csv row 2 x_m='4e8': a number from -1", "\n0,", "\n9,4e8,1,1,0,a\n0,"),
+    "a pose on the moon": poses("poses.csv row 2 x_m='4e8': must be a number from -1", "\n0,", "\n9,4e8,1,1,0,a\n0,"),
     "a short row": poses("poses.csv row 2 z_m=None: a number", "\n0,", "\n0,1,1\n0,"),
     "an endless field": poses("poses.csv: cannot be read", FIRST, "a" * 200_000),
     "a pose without index": poses("index='': whole numbers", "\n0,", "\n,"),

@@ -100,7 +100,7 @@ def _hear(plan: Plan, rows: Sequence[int], snr_db: Sequence[float] | None) -> He
 
 def times(plan: Plan, room: Room, pose: Pose) -> Array:
     """Return the true times of arrival in samples, shape (W,)."""
-    return true_echoes(room, pose, plan.scene.array).toa * RATE
+    return true_echoes(room, pose, array=plan.scene.array).toa * RATE
 
 
 @pytest.fixture(scope="module")

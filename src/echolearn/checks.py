@@ -36,8 +36,9 @@ def check(condition: bool, name: str, value: object, *, allowed: str, hint: str 
 
 def is_number(value: object) -> TypeGuard[float]:
     """Tell whether `value` is a finite real number (a bool is not)."""
-    real = isinstance(value, int | float | np.integer | np.floating)
-    return real and not isinstance(value, bool) and math.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return False
+    return math.isfinite(value)
 
 
 def check_number(
@@ -58,14 +59,13 @@ def check_number(
         unit: of all three, for the message.
         hint: the likely mistake.
     """
-    if not is_number(value):
-        hint = hint or "was text given for a number?"
+    bounds = f"from {low:g} to {high:g} {unit}".rstrip() if high < math.inf else "that is finite"
     check(
         is_number(value) and low <= value <= high,
         name,
         f"{value} {unit}".rstrip(),
-        allowed=f"must be a number from {low:g} to {high:g} {unit}".rstrip(),
-        hint=hint,
+        allowed=f"must be a number {bounds}",
+        hint=hint or ("was text given?" if isinstance(value, str) else ""),
     )
 
 

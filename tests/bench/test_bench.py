@@ -217,8 +217,8 @@ def test_both_pages_get_their_tables_and_keep_the_rest(made: Path) -> None:
         ({"scaling": "{}/without.md"}, "scaling=.*without.md: a file with one <!-- scaling"),
         ({"readme": "{}/no.md"}, "readme=.*no.md: cannot be read"),
         ({"scaling": "{}/page.md", "stages": ["start"]}, "stages=.*: with rows among them"),
-        ({"repetitions": 0}, "repetitions=0: a number from 1"),
-        ({"t60": [0.0]}, "t60=0.0 s: a number from 0.01"),
+        ({"repetitions": 0}, "repetitions=0: must be a whole number from 1"),
+        ({"t60": [0.0]}, "t60=0.0 s: must be a number from 0.01"),
         ({"rows": 1000}, "rows=1000: a list"),
     ],
 )

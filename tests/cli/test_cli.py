@@ -151,9 +151,9 @@ def test_a_configuration_can_be_shown_instead_of_run(
             2,
             "lr=abc: there is no key lr; did you mean classifier.lr?",
         ),
-        ("generate plan.step=0", 1, "plan.step=0 m: a number from 0.01 to 100 m"),
-        ("generate plan.step=wide", 1, "plan.step=wide m: a number from 0.01 to 100 m"),
-        ("generate workers=0", 1, "workers=0: a number from 1 to 1024"),
+        ("generate plan.step=0", 1, "plan.step=0 m: must be a number from 0.01 to 100 m"),
+        ("generate plan.step=wide", 1, "plan.step=wide m: must be a number from 0.01 to 100 m"),
+        ("generate workers=0", 1, "workers=0: must be a whole number from 1 to 1024"),
         (
             "generate plan.room.t60=0.2",
             1,
@@ -385,7 +385,7 @@ def test_a_sweep_leaves_the_same_wherever_its_jobs_run(
     assert left(*said) == (errors, files)
     assert len(files) == 6
     assert errors[:2] == [
-        f"error: classifier=threshold_{x} seed=-1: seed=-1: a number from 0 to 2.14748e+09"
+        f"error: classifier=threshold_{x} seed=-1: seed=-1: must be a whole number from 0 to 2147483647"
         for x in ("peak", "score")
     ]
     assert errors[2].startswith(

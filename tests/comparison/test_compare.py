@@ -347,9 +347,9 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "localizer": ({"localizers": {}}, "localizers={}: at least one to hear the surveys"),
     "resamples": (
         {"resamples": "many"},
-        "resamples=many: a number from 20 to 100000; was text given for a number?",
+        "resamples=many: must be a whole number from 20 to 100000",
     ),
-    "workers": ({"workers": 0}, "workers=0: a number from 1 to 1024"),
+    "workers": ({"workers": 0}, "workers=0: must be a whole number from 1 to 1024"),
 }
 
 

@@ -204,7 +204,7 @@ def test_scattered_wall_distances_cannot_be_memorised(plans: dict[str, Plan]) ->
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        ("paper", {"step": 0}, "plan.step=0 m: a number from 0.01"),
+        ("paper", {"step": 0}, "plan.step=0 m: must be a number from 0.01"),
         ("paper", {"step": "half"}, "plan.step=half m"),
         ("paper", {"margin": 4.5}, "plan.margin=4.5 m"),
         ("paper", {"margin": 0.1}, "pose.position=(0.1, 0.1, 0.1) m: the whole array"),

@@ -84,7 +84,7 @@ def test_samples_that_are_no_real_numbers(samples: Any) -> None:
 @pytest.mark.parametrize("speed", [0.0, np.nan, 3.43e5, "fast"])
 def test_a_speed_of_sound_that_is_none(speed: Any) -> None:
     with pytest.raises(
-        BadValue, match=r"^observation.speed_of_sound=.* m/s: a number from 100 to 2000 m/s; air is"
+        BadValue, match=r"^observation.speed_of_sound=.* m/s: must be a number from 100 to 2000 m/s; air is"
     ):
         Observation(heard(), PROBE, RING, speed)
 

@@ -108,7 +108,7 @@ def test_the_smallest_room_holds_the_walk_and_a_smaller_one_is_named():
 
 def perfect_echoes(room, poses, wall):
     """Return the true echo of one wall at every pose."""
-    truths = [true_echoes(room, pose, ARRAY) for pose in poses]
+    truths = [true_echoes(room, pose, array=ARRAY) for pose in poses]
     toa, azimuth, elevation = (
         np.array([getattr(truth, name)[wall] for truth in truths])
         for name in ("toa", "azimuth", "elevation")

@@ -381,7 +381,7 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(
     assert "survey.yaml: cannot be read" in refusal(survey=tmp_path)
     assert "name=../up" in refusal(name="../up")
     assert "resolution=0 m" in refusal(resolution=0)
-    assert "name=nnnnnnnnnnnnnnnnnnnn...: at most 100 bytes; it has 101" in refusal(name="n" * 101)
+    assert "name=nnnnnnnnnnnnnnnnnnnn...: must have at most 100 bytes; it has 101" in refusal(name="n" * 101)
     assert "resample=maybe: true or false" in refusal(resample="maybe")
     rate, samples = wavfile.read(walk / "probe.wav")
     wavfile.write(walk / "probe.wav", 44100, samples)

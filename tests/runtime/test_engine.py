@@ -453,8 +453,8 @@ def stopped(
             "engine=dask engine.scheduler_file=no engine.address=tcp://a:1",
             "engine.address=tcp://a:1: an address or a scheduler_file, not both",
         ),
-        ("engine=dask workers=0", "workers=0: a number from 1 to 1024"),
-        ("engine=dask engine.timeout=0", "engine.timeout=0 s: a number from 0.1 to 86400 s"),
+        ("engine=dask workers=0", "workers=0: must be a whole number from 1 to 1024"),
+        ("engine=dask engine.timeout=0", "engine.timeout=0 s: must be a number from 0.1 to 86400 s"),
     ],
 )
 def test_a_mistake_is_one_line(words: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:

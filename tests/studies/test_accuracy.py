@@ -22,7 +22,7 @@ ROOM = Room((6.0, 5.0, 6.0), 0.25)
 POSE = Pose(np.array([1.0, 1.5, 3.0]), heading=0.7)
 RING = circular_array()
 SCENE = Scene(RING, noise_probe(length=8000), Images(), White())
-TRUTH = true_echoes(ROOM, POSE, RING)
+TRUTH = true_echoes(ROOM, POSE, array=RING)
 SAMPLE = 1 / 22050
 
 

@@ -37,7 +37,7 @@ def test_corners_are_those_of_the_room_and_walls_in_either_order(small):
     assert (places[:, 2] == 3.0).all()
     first, last = small.window.lags(small.scene.array, 22050.0)
     for pose in poses:
-        nearest = np.sort(true_echoes(small.room, pose, small.scene.array).toa)[:2] * 22050
+        nearest = np.sort(true_echoes(small.room, pose, array=small.scene.array).toa)[:2] * 22050
         assert first <= nearest.min() < nearest.max() <= last
 
 

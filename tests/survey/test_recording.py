@@ -278,12 +278,12 @@ def test_what_may_be_beside_the_recordings_is_no_link(folder: Path, name: str) -
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"sample_rate": "fast"}, "sample_rate=fast Hz: a number from 1000 to 400000 Hz"),
+        ({"sample_rate": "fast"}, "sample_rate=fast Hz: must be a number from 1000 to 400000 Hz"),
         ({"sample_rate": None}, "sample_rate=None Hz"),
         ({"sample_rate": 22.05}, "sample_rate=22.05 Hz"),
         (
             {"speed_of_sound": 0.343},
-            "speed_of_sound=0.343 m/s: a number from 100 to 2000 m/s; air is 343 m/s",
+            "speed_of_sound=0.343 m/s: must be a number from 100 to 2000 m/s; air is 343 m/s",
         ),
         ({"speed_of_sound": "quick"}, "speed_of_sound=quick m/s"),
         ({"microphones": "six"}, "microphones=six: many x 3 finite numbers in m"),
@@ -324,13 +324,13 @@ def test_what_may_be_beside_the_recordings_is_no_link(folder: Path, name: str) -
         ({"conditions": "windy"}, "conditions=windy: a mapping"),
         (
             {"conditions": {"snr_db": "loud"}},
-            "conditions.snr_db=loud dB: a number from -200 to 200 dB; null, or",
+            "conditions.snr_db=loud dB: must be a number from -200 to 200 dB; null, or",
         ),
         ({"conditions": {"sdnr_db": [1.0]}}, "conditions.sdnr_db=[1.0] dB: a number"),
         ({"conditions": {"snr_db": float("nan")}}, "conditions.snr_db=nan dB: a number"),
         ({"conditions": {"snr_db": 1e308}}, "conditions.snr_db=1e+308 dB: a number"),
-        ({"conditions": {"pings": 0}}, "conditions.pings=0: a number from 1 to 1e+09"),
-        ({"conditions": {"pings": 2.5}}, "conditions.pings=2.5: a whole number"),
+        ({"conditions": {"pings": 0}}, "conditions.pings=0: must be a whole number from 1 to 1000000000"),
+        ({"conditions": {"pings": 2.5}}, "conditions.pings=2.5: must be a whole number"),
         ({"direct_path": "perhaps"}, "direct_path=perhaps: removed or present"),
         ({"direct_path": True}, "direct_path=True: removed or present"),
     ],
@@ -426,7 +426,7 @@ HEAD = "index,x_m,y_m,z_m,heading_rad,file\n"
         (HEAD.replace(",", "\t") + "0\t1\t1\t1\t0\ta\n", "file; is it separated by commas?"),
         (
             HEAD + "0,here,1,1,0,a\n",
-            " row 2 x_m='here': a number from -10000 to 10000 m; are decimals set off",
+            " row 2 x_m='here': must be a number from -10000 to 10000 m; are decimals set off",
         ),
         (HEAD + "0,1,1,1,0,a\n\n1,1,1,,0,b\n", " row 4 z_m='': a number"),
         (HEAD + "0,1,1\n", " row 2 z_m=None: a number"),
@@ -440,15 +440,15 @@ HEAD = "index,x_m,y_m,z_m,heading_rad,file\n"
         (HEAD + "0,nan,1,1,0,observations/0.wav\n", " row 2 x_m='nan': a number"),
         (
             HEAD + "0,1,1,1,inf,observations/0.wav\n",
-            " row 2 heading_rad='inf': a number from -100 to 100 rad",
+            " row 2 heading_rad='inf': must be a number from -100 to 100 rad",
         ),
         (
             HEAD + "0,1,1,1,180,a\n",
-            " row 2 heading_rad='180': a number from -100 to 100 rad; is it in degrees?",
+            " row 2 heading_rad='180': must be a number from -100 to 100 rad; is it in degrees?",
         ),
         (
             HEAD + "0,1,1,1,0,a\n1,1,12000,1,0,b\n",
-            " row 3 y_m='12000': a number from -10000 to 10000 m; are they in mm?",
+            " row 3 y_m='12000': must be a number from -10000 to 10000 m; are they in mm?",
         ),
         (
             HEAD.replace("index,", "") + "1,1,1,0,observations/0.wav\n",

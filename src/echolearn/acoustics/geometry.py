@@ -1,8 +1,8 @@
 """Geometry of echoes: directions, far-field delays, first-order images, wall points.
 
 The array's loudspeaker and the room's mirror sources make everything here a closed form. An echo
-*from* direction u reaches microphone m at position p_m earlier than the loudspeaker's place by p_m
-. u / c, so
+*from* direction u reaches microphone m at position p_m earlier than the loudspeaker's place by
+p_m . u / c, so
 
     delay_m = -(p_m . u) / c = -(R/c) sin(psi) cos(theta_m - phi)        for a ring,
 
@@ -15,12 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from echolearn.acoustics.types import SPEED_OF_SOUND, Array, MicArray, Pose, Room, Truth
-from echolearn.checks import BadValue, check, check_number, check_whole
-
-NORMALS = np.array(
-    [[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]], dtype=float
-)
-"""Outward normals of the six walls, in the project's wall order."""
+from echolearn.checks import check, check_number, check_whole
 
 
 def circular_array(*, microphones: int = 6, radius: float = 0.2, offset: float = 0.0) -> MicArray:
@@ -81,38 +76,52 @@ def relative_delays(array: MicArray, toward: Array, *, speed_of_sound: float) ->
 
 def first_order_images(room: Room, position: Array) -> Array:
     """Return the mirror images of `position` (3,) in the reflecting walls, shape (W, 3), in m."""
-    images = np.repeat(np.asarray(position, dtype=float)[None], 6, axis=0)
-    for wall, axis in enumerate((0, 0, 1, 1, 2, 2)):
-        images[wall, axis] = (0.0 if wall % 2 == 0 else 2.0 * room.size[axis]) - position[axis]
+    images = np.tile(np.asarray(position, dtype=float), (6, 1))
+    for wall in range(6):
+        axis = wall // 2
+        # A wall at 0 mirrors x to -x, one at the room's end to 2 size - x.
+        twice = 0.0 if wall % 2 == 0 else 2.0 * room.size[axis]
+        images[wall, axis] = twice - position[axis]
     return images[np.array(room.walls) > 0]
 
 
 def microphone_positions(array: MicArray, pose: Pose) -> Array:
     """Return the microphones in the room's frame, shape (M, 3), in m."""
-    cos, sin = math.cos(pose.heading), math.sin(pose.heading)
+    cos = math.cos(pose.heading)
+    sin = math.sin(pose.heading)
     rotation = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
     return np.asarray(pose.position) + array.positions @ rotation.T
 
 
-def check_inside(room: Room, array: MicArray, pose: Pose) -> None:
-    """Raise `BadValue` unless the loudspeaker and every microphone lie inside the room."""
-    points = np.vstack([microphone_positions(array, pose), np.asarray(pose.position)[None]])
-    inside = bool(((points > 0) & (points < np.array(room.size))).all())
-    place = "(" + ", ".join(f"{v:g}" for v in pose.position) + ") m"
-    shape = " x ".join(f"{v:g}" for v in room.size)
+def check_inside(room: Room, pose: Pose, *, array: MicArray) -> None:
+    """Raise `BadValue` unless the loudspeaker and every microphone lie inside the room.
+
+    Args:
+        room: with its walls.
+        pose: where the robot stands.
+        array: what it carries.
+    """
+    points = np.vstack([microphone_positions(array, pose), pose.position])
     check(
-        inside,
+        bool(((points > 0) & (points < np.array(room.size))).all()),
         "pose.position",
-        place,
-        allowed=f"the whole array (radius {array.radius:g} m) inside the {shape} m room",
+        "({:g}, {:g}, {:g}) m".format(*pose.position),
+        allowed=f"the array of radius {array.radius:g} m must be inside the {room.dimensions} room",
         hint="is the margin to the walls smaller than the array's radius?",
     )
 
 
 def true_echoes(
-    room: Room, pose: Pose, array: MicArray, speed_of_sound: float = SPEED_OF_SOUND
+    room: Room, pose: Pose, *, array: MicArray, speed_of_sound: float = SPEED_OF_SOUND
 ) -> Truth:
-    """Return TOA and DOA of each reflecting wall's first-order echo, in the project's wall order."""
+    """Return TOA and DOA of each reflecting wall's first-order echo, in the project's wall order.
+
+    Args:
+        room: with its walls.
+        pose: where the robot stands.
+        array: its first microphone is the reference.
+        speed_of_sound: in m/s.
+    """
     images = first_order_images(room, pose.position)
     reference = microphone_positions(array, pose)[0]
     toward = images - pose.position
@@ -131,31 +140,26 @@ def wrap(angle: Array | float) -> Array:
 
 
 def wall_distance(
-    toa: Array,
-    azimuth: Array,
-    elevation: Array,
-    array: MicArray,
-    speed_of_sound: float = SPEED_OF_SOUND,
+    toa: Array, toward: Array, *, array: MicArray, speed_of_sound: float = SPEED_OF_SOUND
 ) -> Array:
     """Return the distance D from the loudspeaker to the wall that an echo came from, in m.
 
     The mirror source lies at 2 D u; its distance to microphone 1 at p is c toa, so
-    4 D^2 - 4 D (p . u) + |p|^2 = (c toa)^2. The far-field form D = (c toa + p . u) / 2 is its limit for
-    large D and up to 5 mm off at 1 m; the authors' code adds p . u without the half, up to 10 cm
-    off.
+    4 D^2 - 4 D (p . u) + |p|^2 = (c toa)^2. The far-field form D = (c toa + p . u) / 2 is its limit
+    for large D and up to 5 mm off at 1 m; the authors' code adds p . u without the half, up to 10
+    cm off.
 
     Args:
-        toa: at microphone 1, in s, any shape.
-        azimuth, elevation: direction of arrival in the robot's frame, in rad, same shape.
+        toa: at microphone 1, in s, shape (...).
+        toward: unit vectors u of the directions of arrival in the robot's frame, shape (..., 3).
         array: its first microphone is the reference.
         speed_of_sound: in m/s.
     """
     reference = array.positions[0]
-    along = direction(azimuth, elevation) @ reference
-    square = np.maximum(
-        along**2 - reference @ reference + (speed_of_sound * np.asarray(toa)) ** 2, 0.0
-    )
-    return (along + np.sqrt(square)) / 2.0
+    along = toward @ reference
+    square = along**2 - reference @ reference + (speed_of_sound * np.asarray(toa)) ** 2
+    # An echo earlier than the way from loudspeaker to microphone is impossible; 0 keeps it finite.
+    return (along + np.sqrt(np.maximum(square, 0.0))) / 2.0
 
 
 def wall_points(
@@ -177,25 +181,22 @@ def wall_points(
         array: its first microphone is the reference.
         speed_of_sound: in m/s.
     """
-    distance = wall_distance(toa, azimuth, elevation, array, speed_of_sound)
+    ahead = direction(azimuth, elevation)
+    distance = wall_distance(toa, ahead, array=array, speed_of_sound=speed_of_sound)
     toward = direction(np.asarray(azimuth) + heading, elevation)[..., :2]
     return np.asarray(position)[..., :2] + distance[..., None] * toward
 
 
 def outline(room: Room) -> Array:
-    """Return the corners of the room's floor plan, shape (4, 2), anticlockwise from the origin, in
-    m.
-    """
+    """Return the corners of the room's floor plan, anticlockwise from the origin, (4, 2), in m."""
     x, y, _ = room.size
     return np.array([[0.0, 0.0], [x, 0.0], [x, y], [0.0, y]])
 
 
 def distance_to_outline(points: Array, corners: Array) -> Array:
-    """Return the distance of `points` (..., 2) to the nearest edge of the closed polygon `corners`
-    (C, 2), in m.
-    """
-    start, edge = corners, np.roll(corners, -1, axis=0) - corners
-    offset = np.asarray(points)[..., None, :] - start
+    """Return the distance of points (..., 2) to the nearest edge of a polygon (C, 2), in m."""
+    edge = np.roll(corners, -1, axis=0) - corners
+    offset = np.asarray(points)[..., None, :] - corners
     along = np.clip((offset * edge).sum(-1) / (edge**2).sum(-1), 0.0, 1.0)
     return np.linalg.norm(offset - along[..., None] * edge, axis=-1).min(axis=-1)
 
@@ -206,9 +207,9 @@ class SearchWindow:
 
     Attributes:
         nearest, farthest: wall distances in m (the paper's "1 m to 2 m").
-        rule: "general" holds every wall in that range whatever its direction, [2 nearest - R, 2
-            farthest + R]; "authors" is the published MATLAB, round((2 d - R) fs / c), which clips
-            far walls opposite microphone 1.
+        rule: "general" holds every wall in that range whatever its direction,
+            [2 nearest - R, 2 farthest + R]; "authors" is the published MATLAB,
+            round((2 d - R) fs / c), which clips far walls opposite microphone 1.
     """
 
     nearest: float = 1.0
@@ -218,29 +219,34 @@ class SearchWindow:
     def __post_init__(self) -> None:
         check_number("window.nearest", self.nearest, low=0.1, high=100.0, unit="m")
         check_number("window.farthest", self.farthest, low=0.1, high=100.0, unit="m")
-        allowed = f"below window.farthest={self.farthest} m"
+        allowed = f"must be below window.farthest={self.farthest} m"
         check(self.nearest < self.farthest, "window.nearest", f"{self.nearest} m", allowed=allowed)
-        check(
-            self.rule in ("general", "authors"),
-            "window.rule",
-            self.rule,
-            allowed="general or authors",
-        )
+        known = self.rule in ("general", "authors")
+        check(known, "window.rule", self.rule, allowed="must be general or authors")
 
     def lags(
         self, array: MicArray, sample_rate: float, *, speed_of_sound: float = SPEED_OF_SOUND
     ) -> tuple[int, int]:
-        """Return the first and last lag of the window, both inclusive, in samples."""
+        """Return the first and last lag of the window, both inclusive, in samples.
+
+        Args:
+            array: its radius is R.
+            sample_rate: in Hz.
+            speed_of_sound: in m/s.
+
+        Raises:
+            BadValue: a nearest wall whose echo could arrive with the emission.
+        """
         scale = sample_rate / speed_of_sound
+        radius = array.radius
+        nearest = (2 * self.nearest - radius) * scale
         if self.rule == "authors":
-            first, last = (
-                round((2 * d - array.radius) * scale) for d in (self.nearest, self.farthest)
-            )
+            first = round(nearest)
+            last = round((2 * self.farthest - radius) * scale)
         else:
-            first = math.floor((2 * self.nearest - array.radius) * scale + 1e-9)
-            last = math.ceil((2 * self.farthest + array.radius) * scale - 1e-9)
-        if first < 1:
-            raise BadValue(
-                f"window.nearest={self.nearest} m: more than half the array's radius {array.radius:g} m"
-            )
+            # A wall exactly at the edge costs no lag more, whatever rounding makes of it.
+            first = math.floor(nearest + 1e-9)
+            last = math.ceil((2 * self.farthest + radius) * scale - 1e-9)
+        allowed = f"must be more than half the array's radius of {radius:g} m"
+        check(first >= 1, "window.nearest", f"{self.nearest} m", allowed=allowed)
         return first, last

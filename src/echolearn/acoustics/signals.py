@@ -19,8 +19,9 @@ half of it."""
 def noise_probe(
     *, seed: int = 0, burst: int = 1500, length: int = 20000, sample_rate: float = 22050.0
 ) -> Probe:
-    """Draw the paper's probe: a burst of white Gaussian noise, zero-padded; its samples are exact
-    in a float32 WAV.
+    """Draw the paper's probe: a burst of white Gaussian noise, zero-padded.
+
+    Its samples are exact in a float32 WAV.
 
     Args:
         seed: of the burst; a robot's probe is known and always the same.
@@ -52,7 +53,9 @@ def matched_filter(samples: Array, probe: Probe, *, first: int, last: int) -> Ar
     Returns:
         Correlation, shape (..., last - first + 1); samples beyond the recording count as zero.
     """
-    lags, burst = last - first + 1, len(probe.samples)
+    lags = last - first + 1
+    burst = len(probe.samples)
+    # Long enough that what wraps around is not among the lags wanted.
     size = fft.next_fast_len(lags + burst - 1, real=True)
     touched = samples[..., first : last + burst]
     spectrum = fft.rfft(touched, size) * fft.rfft(probe.samples, size).conj()
@@ -60,84 +63,82 @@ def matched_filter(samples: Array, probe: Probe, *, first: int, last: int) -> Ar
 
 
 def energy_under_probe(samples: Array, probe: Probe, *, first: int, last: int) -> Array:
-    """Return the energy of `samples` (..., N) under the burst delayed by each lag, shape (..., last
-    - first + 1).
+    """Return the energy of recordings under the delayed burst, shape (..., last - first + 1).
+
+    Args:
+        samples: recordings, shape (..., N); those beyond the recording count as zero.
+        probe: its burst has L samples.
+        first, last: lags wanted, both inclusive.
     """
-    touched = samples[..., first : last + len(probe.samples)]
-    missing = last + len(probe.samples) - first - touched.shape[-1]
-    square = np.pad(touched**2, [(0, 0)] * (samples.ndim - 1) + [(1, max(missing, 0))])
+    burst = len(probe.samples)
+    touched = samples[..., first : last + burst]
+    missing = max(last + burst - first - touched.shape[-1], 0)
+    square = np.pad(touched**2, [(0, 0)] * (samples.ndim - 1) + [(1, missing)])
     total = np.cumsum(square, axis=-1)
-    return total[..., len(probe.samples) :] - total[..., : last - first + 1]
+    return total[..., burst:] - total[..., : last - first + 1]
 
 
 def stft(samples: Array, *, frame: int = STFT_FRAME) -> Array:
-    """Return the short-time spectra of `samples` (..., N): Hann window, half overlap, shape (...,
-    F, T).
-    """
+    """Return short-time spectra of (..., N): Hann window, half overlap, shape (..., F, T)."""
     hop = frame // 2
     frames = np.lib.stride_tricks.sliding_window_view(samples, frame, axis=-1)[..., ::hop, :]
     window = np.hanning(frame + 1)[:-1].astype(samples.dtype)
     return np.moveaxis(fft.rfft(frames * window, axis=-1), -1, -2)
 
 
-def convolve(samples: Array, response: Array, length: int) -> Array:
-    """Return the first `length` samples of the convolution of a burst (L,) with responses (..., K)."""
+def convolve(samples: Array, response: Array, *, length: int) -> Array:
+    """Return the beginning of the convolution of a burst with responses, shape (..., length).
+
+    Args:
+        samples: the burst, shape (L,).
+        response: shape (..., K).
+        length: number of samples wanted.
+    """
     size = fft.next_fast_len(len(samples) + response.shape[-1] - 1, real=True)
     full = fft.irfft(fft.rfft(samples, size) * fft.rfft(response, size), size)[..., :length]
     return np.pad(full, [(0, 0)] * (full.ndim - 1) + [(0, length - full.shape[-1])])
 
 
 def noise_psd(recording: Array, *, frame: int = STFT_FRAME) -> Array:
-    """Return the power spectral density of a noise-only recording (..., N), shape (..., frame // 2
-    + 1).
+    """Return the power spectral density of noise (..., N), shape (..., frame // 2 + 1).
 
     Welch's mean over half-overlapping Hann frames, scaled so that white noise of variance v has the
-    density v at every
-    frequency: the mean over frequencies is the power.
+    density v at every frequency: the mean over frequencies is the power.
 
     Raises:
         BadValue: a recording shorter than two frames, or not finite.
     """
-    recording = _checked_noise(recording, frame)
-    return np.mean(np.abs(stft(recording, frame=frame)) ** 2, axis=-1) / np.sum(
-        np.hanning(frame + 1)[:-1] ** 2
-    )
+    spectra = _noise_spectra(recording, frame)
+    return np.mean(np.abs(spectra) ** 2, axis=-1) / np.sum(np.hanning(frame + 1)[:-1] ** 2)
 
 
 def noise_covariance(recording: Array, *, frame: int = STFT_FRAME) -> Array:
-    """Return the covariance between microphones of a noise-only recording (M, N), shape (frame // 2
-    + 1, M, M).
+    """Return the covariance between microphones of noise (M, N), shape (frame // 2 + 1, M, M).
 
     E Y Y^H of each bin by Welch's mean, Hermitian; its diagonal is `noise_psd`.
 
     Raises:
         BadValue: a recording shorter than two frames, or not finite.
     """
-    recording = _checked_noise(recording, frame)
-    bins = np.moveaxis(stft(recording, frame=frame), -3, -2)
+    bins = np.moveaxis(_noise_spectra(recording, frame), -3, -2)
     return bins @ bins.conj().mT / (bins.shape[-1] * np.sum(np.hanning(frame + 1)[:-1] ** 2))
 
 
-def _checked_noise(recording: Array, frame: int) -> Array:
-    """Return a recording of noise as float64."""
-    recording = real_array("noise.recording", recording, allowed="real samples")
+def _noise_spectra(recording: Array, frame: int) -> Array:
+    """Return the short-time spectra of a recording of noise, or raise `BadValue`."""
+    name = "noise.recording"
+    recording = np.atleast_1d(real_array(name, recording, allowed="samples must be real numbers"))
     hint = "record the noise for some seconds"
-    check(recording.ndim > 0, "noise.recording", "a number", allowed="samples", hint=hint)
-    check_whole("noise.recording", recording.shape[-1], low=2 * frame, unit="samples", hint=hint)
-    check(
-        bool(np.isfinite(recording).all()),
-        "noise.recording",
-        "NaN or infinity",
-        allowed="finite samples",
-    )
-    return recording
+    check_whole(name, recording.shape[-1], low=2 * frame, unit="samples", hint=hint)
+    finite = bool(np.isfinite(recording).all())
+    check(finite, name, "NaN or infinity", allowed="samples must be finite")
+    return stft(recording, frame=frame)
 
 
 def whitening_taps(psd: Array) -> Array:
-    """Return the symmetric filter of gain 1 / sqrt(psd), shape (..., 2 F - 1), from a density (...,
-    F).
+    """Return the symmetric filter of gain 1 / sqrt(psd), shape (2 F - 1,), for a density (F,).
 
-    Densities are floored 60 dB below their mean, so that an empty band is not all that is heard.
+    Densities are floored 60 dB below their mean, so that an empty band is not all that is left.
 
     Raises:
         BadValue: a density that is negative, not finite, or zero everywhere.
@@ -147,9 +148,10 @@ def whitening_taps(psd: Array) -> Array:
     check(
         fine and psd.shape[-1] > 1,
         "observation.noise_psd",
-        psd.shape,
-        allowed="densities >= 0, not all 0",
+        f"shape {psd.shape}",
+        allowed="densities must be finite and 0 or more, not all 0",
     )
+    # Cut by a window, the response is short, and the gain its smooth likeness.
     level = np.maximum(psd, 1e-6 * psd.mean(axis=-1, keepdims=True))
     size = 2 * (psd.shape[-1] - 1)
     taps = np.roll(fft.irfft(1.0 / np.sqrt(level), size), size // 2, axis=-1)
@@ -157,14 +159,14 @@ def whitening_taps(psd: Array) -> Array:
 
 
 def whiten(samples: Array, psd: Array) -> Array:
-    """Divide the spectrum of `samples` (..., N) by the square root of a density (F,): F - 1 samples
-    late.
+    """Divide the spectrum of `samples` (..., N) by the square root of a density (F,).
 
-    The filter is symmetric and its whole response is kept, shape (..., N + 2 (F - 1)). A probe and
-    a recording whitened alike are late alike, so lags between them stay what they were, and a
-    correlation of the two is ifft(Y conj(S) / psd).
+    The result is F - 1 samples late. The filter is symmetric and its whole response is kept, shape
+    (..., N + 2 (F - 1)). A probe and a recording whitened alike are late alike, so lags between
+    them stay what they were, and a correlation of the two is ifft(Y conj(S) / psd).
     """
-    from scipy.signal import oaconvolve  # takes half a second to import, and most noise is white
+    # It takes half a second to import, and most noise is white.
+    from scipy.signal import oaconvolve
 
     taps = whitening_taps(psd)
     return oaconvolve(samples, np.broadcast_to(taps, (*samples.shape[:-1], len(taps))), axes=-1)
@@ -176,9 +178,7 @@ def power(samples: Array) -> Array:
 
 
 def joint_db(*levels_db: float | Array | None) -> Array:
-    """Return the ratio of a signal to the sum of noises, each at its own ratio in dB; None is no
-    noise.
-    """
+    """Return the ratio in dB of a signal to a sum of noises, each at its own; None is no noise."""
     given = [np.asarray(level, dtype=float) for level in levels_db if level is not None]
     total = sum((10.0 ** (-level / 10.0) for level in given), start=np.zeros(()))
     return np.where(total > 0, -decibel(total), np.inf)

@@ -1,5 +1,4 @@
-"""Streams of random numbers by purpose: what is drawn for one thing never depends on what else is
-drawn.
+"""Streams of random numbers by purpose: no draw depends on what else is drawn.
 
     stream(seed, "observation", row)     draws what is random about one row of a set
 

@@ -12,8 +12,7 @@ from echolearn.checks import (
     check_list,
     check_number,
     check_whole,
-    finite_array,
-    is_number,
+    finite_vector,
     real_array,
 )
 
@@ -33,7 +32,7 @@ class Room:
     Attributes:
         size: length, width, height in m.
         t60: reverberation time in s; Sabine's formula turns it into one absorption for all walls.
-        walls: factor (0 to 1) on each wall's reflection coefficient, in the order x=0, x=max, y=0,
+        walls: factors (0 to 1) on each wall's reflection coefficient, in the order x=0, x=max, y=0,
             y=max, floor, ceiling; 0 is a wall that does not reflect.
     """
 
@@ -42,23 +41,28 @@ class Room:
     walls: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
-        check_list("room.size", self.size, length=3, allowed="three lengths in m")
+        check_list("room.size", self.size, length=3, allowed="must be three lengths in m")
         for length in self.size:
             check_number("room.size", length, low=0.5, high=200.0, unit="m")
-        check_list("room.walls", self.walls, length=6, allowed="six factors from 0 to 1")
+        check_list("room.walls", self.walls, length=6, allowed="must be six factors from 0 to 1")
         for factor in self.walls:
             check_number("room.walls", factor, low=0.0, high=1.0)
-        object.__setattr__(self, "size", tuple(float(v) for v in self.size))
-        object.__setattr__(self, "walls", tuple(float(v) for v in self.walls))
+        object.__setattr__(self, "size", tuple(map(float, self.size)))
+        object.__setattr__(self, "walls", tuple(map(float, self.walls)))
         check_number("room.t60", self.t60, low=0.01, high=10.0, unit="s")
-        shape = " x ".join(f"{length:g}" for length in self.size)
+        shortest = self.shortest_t60()
         check(
-            self.sabine_absorption() < 1.0,
+            shortest < self.t60,
             "room.t60",
             f"{self.t60:g} s",
-            allowed=f"at least {self.shortest_t60():.3f} s in a {shape} m room by Sabine's formula",
+            allowed=f"must be over {shortest:.3f} s, Sabine's formula, in a {self.dimensions} room",
             hint="walls cannot absorb more than everything; use a longer T60 or a smaller room",
         )
+
+    @property
+    def dimensions(self) -> str:
+        """Size in words, as in 5 x 4 x 3 m."""
+        return "{:g} x {:g} x {:g} m".format(*self.size)
 
     def shortest_t60(self, speed_of_sound: float = SPEED_OF_SOUND) -> float:
         """Return the T60 in s at which Sabine's absorption reaches 1: 24 ln(10) V / (c S)."""
@@ -70,10 +74,10 @@ class Room:
         return self.shortest_t60(speed_of_sound) / self.t60
 
     def reflection(self, speed_of_sound: float = SPEED_OF_SOUND) -> Array:
-        """Return the pressure reflection coefficients, shape (6,): factor * sqrt(1 - absorption)."""
-        return np.array(self.walls) * math.sqrt(
-            max(0.0, 1.0 - self.sabine_absorption(speed_of_sound))
-        )
+        """Return pressure reflection coefficients, factor * sqrt(1 - absorption), shape (6,)."""
+        # A speed of sound above the usual one may absorb a little more than everything.
+        reflected = max(0.0, 1.0 - self.sabine_absorption(speed_of_sound))
+        return np.array(self.walls) * math.sqrt(reflected)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,13 +91,13 @@ class MicArray:
     positions: Array
 
     def __post_init__(self) -> None:
-        positions = real_array(
-            "array.positions", self.positions, allowed="shape (M, 3) in m"
-        ).copy()
+        name = "array.positions"
+        allowed = "must be finite coordinates in m, shape (M, 3)"
+        positions = real_array(name, self.positions, allowed=allowed).copy()
         flat = positions.ndim == 2 and positions.shape[-1] == 3
-        check(flat, "array.positions", positions.shape, allowed="shape (M, 3) in m")
-        finite = bool(np.isfinite(positions).all())
-        check(finite, "array.positions", "NaN or infinity", allowed="finite coordinates in m")
+        check(flat, name, f"shape {positions.shape}", allowed=allowed)
+        check(bool(np.isfinite(positions).all()), name, "NaN or infinity", allowed=allowed)
+        # Its hash is that of its values, so they must not change.
         positions.setflags(write=False)
         object.__setattr__(self, "positions", positions)
 
@@ -127,9 +131,8 @@ class Probe:
     length: int
 
     def __post_init__(self) -> None:
-        samples = finite_array(
-            "probe.samples", self.samples, shape=(-1,), allowed="finite numbers, shape (L,)"
-        )
+        allowed = "must be finite numbers, shape (L,)"
+        samples = finite_vector("probe.samples", self.samples, allowed=allowed)
         object.__setattr__(self, "samples", samples)
         check_number("probe.sample_rate", self.sample_rate, low=1000.0, high=400_000.0, unit="Hz")
         hint = "the recording must hold the burst"
@@ -149,22 +152,15 @@ class Pose:
     heading: float = 0.0
 
     def __post_init__(self) -> None:
-        position = finite_array(
-            "pose.position", self.position, shape=(3,), allowed="three finite coordinates in m"
-        )
+        allowed = "must be three finite coordinates in m"
+        position = finite_vector("pose.position", self.position, length=3, allowed=allowed)
         object.__setattr__(self, "position", position)
-        check(
-            is_number(self.heading),
-            "pose.heading",
-            f"{self.heading} rad",
-            allowed="a finite number in rad",
-        )
+        check_number("pose.heading", self.heading, unit="rad")
 
 
 @dataclass(frozen=True)
 class Observation:
-    """All that an estimator may know: recordings with the direct path removed, and what the robot
-    carries.
+    """All that an estimator may know: recordings without their direct path, and the robot's parts.
 
     Attributes:
         samples: recordings, shape (..., M, N); leading axes are a batch of observations. Real
@@ -190,14 +186,21 @@ class Observation:
     noise_covariance: Array | None = None
 
     def __post_init__(self) -> None:
-        allowed, hint = (
-            "real numbers, shape (..., M, N)",
-            "give the samples themselves, not their spectrum",
+        samples = real_array(
+            "observation.samples",
+            self.samples,
+            allowed="must be real numbers, shape (..., M, N)",
+            hint="give the samples themselves, not their spectrum",
         )
-        samples = real_array("observation.samples", self.samples, allowed=allowed, hint=hint)
         object.__setattr__(self, "samples", samples)
-        name, hint = "observation.speed_of_sound", "air is 343 m/s"
-        check_number(name, self.speed_of_sound, low=100.0, high=2000.0, unit="m/s", hint=hint)
+        check_number(
+            "observation.speed_of_sound",
+            self.speed_of_sound,
+            low=100.0,
+            high=2000.0,
+            unit="m/s",
+            hint="air is 343 m/s",
+        )
 
 
 @dataclass(frozen=True)
@@ -265,8 +268,14 @@ class Responder(Protocol):
         sample_rate: float,
         speed_of_sound: float,
     ) -> Array:
-        """Return responses from `source` (3,) to `microphones` (M, 3), shape (M, round(t60 *
-        sample_rate)).
+        """Return impulse responses, shape (M, round(t60 * sample_rate)).
+
+        Args:
+            room: with its walls.
+            source: shape (3,), in m.
+            microphones: shape (M, 3), in m.
+            sample_rate: in Hz.
+            speed_of_sound: in m/s.
         """
 
 
@@ -276,4 +285,11 @@ class Noise(Protocol):
     def __call__(
         self, array: MicArray, *, length: int, sample_rate: float, rng: np.random.Generator
     ) -> Array:
-        """Return noise of unit variance, shape (M, length)."""
+        """Return noise of unit variance, shape (M, length).
+
+        Args:
+            array: M microphones.
+            length: number of samples.
+            sample_rate: in Hz.
+            rng: source of random numbers.
+        """

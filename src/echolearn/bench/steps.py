@@ -61,7 +61,7 @@ def simulating(plan: Plan, count: int) -> Iterator[Step]:
 
     yield (
         "convolution",
-        lambda: [signals.convolve(burst, one, length) for one in response],
+        lambda: [signals.convolve(burst, one, length=length) for one in response],
         lambda: [signal.fftconvolve(burst[None], one, axes=-1) for one in response],
     )
     yield "noise", noisy, None

@@ -98,7 +98,7 @@ class GridPlan:
         for level in self.snr_levels or ():
             check_number("plan.snr_levels", level, low=-100.0, high=100.0, unit="dB")
         _check_levels(self, self.snr_db or self.snr_levels)
-        check_inside(self.room, self.scene.array, Pose(self.positions[0]))
+        check_inside(self.room, Pose(self.positions[0]), array=self.scene.array)
 
     @cached_property
     def positions(self) -> Array:

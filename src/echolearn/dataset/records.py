@@ -94,7 +94,7 @@ def _observe(plan: Plan, rows: range) -> Iterator[Heard]:
     for _, same in groupby(spots, key=lambda known: known[1].group):
         received = None
         for row, spot, rng in same:
-            check_inside(spot.room, plan.scene.array, spot.pose)
+            check_inside(spot.room, spot.pose, array=plan.scene.array)
             received = plan.scene.received(spot.room, spot.pose) if received is None else received
             samples = _record(received, plan.scene, spot, rng)
             yield Heard(spot, samples, _noise(plan, spot, row) if _whitens(plan) else None)
@@ -153,7 +153,9 @@ def labels(spots: tuple[Spot, ...], echoes: Echoes, scene: Scene) -> dict[str, A
         np.empty(shape, dtype=bool),
     )
     for row, spot in enumerate(spots):
-        toa = true_echoes(spot.room, spot.pose, scene.array, scene.speed_of_sound).toa
+        toa = true_echoes(
+            spot.room, spot.pose, array=scene.array, speed_of_sound=scene.speed_of_sound
+        ).toa
         truth[row, :, : len(toa)] = toa
         wall[row] = match_echoes(toa, echoes.toa[row], tolerance=tolerance)
         points = wall_points(

@@ -45,10 +45,12 @@ def observe(
     Raises:
         BadValue: a microphone outside the room.
     """
-    check_inside(room, scene.array, pose)
+    check_inside(room, pose, array=scene.array)
     received = scene.received(room, pose)
     samples = add_noise(received, scene, levels=levels, rng=rng, gain_db=gain_db)
-    truth = true_echoes(room, pose, scene.array, scene.speed_of_sound)
+    truth = true_echoes(
+        room, pose, array=scene.array, speed_of_sound=scene.speed_of_sound
+    )
     return Observation(samples, scene.probe, scene.array, scene.speed_of_sound), truth
 
 
@@ -96,7 +98,7 @@ def noise_alone(
         Samples, shape (M, round(seconds * sample_rate)).
     """
     check_number("noise_seconds", seconds, low=0.1, high=600.0, unit="s")
-    check_inside(room, scene.array, pose)
+    check_inside(room, pose, array=scene.array)
     length = round(seconds * scene.probe.sample_rate)
     received = scene.received(room, pose)
     single = replace(levels, pings=1)

@@ -71,7 +71,7 @@ class Scene:
             sample_rate=self.probe.sample_rate,
             speed_of_sound=self.speed_of_sound,
         )
-        return signals.convolve(self.probe.samples, response, self.probe.length)
+        return signals.convolve(self.probe.samples, response, length=self.probe.length)
 
 
 """TODO header of simulation.scene."""

@@ -80,7 +80,7 @@ def survey(
         len(walk) <= MOST, "poses", poses, allowed=f"at most {MOST}", hint="walk in several surveys"
     )
     for pose in walk:
-        check_inside(room, scene.array, pose)
+        check_inside(room, pose, array=scene.array)
     folder = Path(runs) / "survey" / name
     told = _told(levels, noise_seconds=seconds or None)
     about = {

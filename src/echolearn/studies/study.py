@@ -105,7 +105,7 @@ class Study:
         check(any(walls), "room.walls", walls, allowed=allowed)
         for pose in self.poses():
             try:
-                check_inside(self.room, self.scene.array, pose)
+                check_inside(self.room, pose, array=self.scene.array)
             except BadValue as error:
                 # The user gave distances, not this pose: the refusal has to name their key.
                 at = f"places={self.places} puts the robot outside the room: {error}"

@@ -271,7 +271,7 @@ def _pose(row: Mapping[str, Any], name: str) -> Pose:
             number = float(row[column] or "")
         except ValueError:
             number, hint = math.nan, POINT
-        shown, allowed = f"{row[column]!a:.60}", f"a number from -{most:g} to {most:g} {unit}"
+        shown, allowed = f"{row[column]!a:.60}", f"must be a number from -{most:g} to {most:g} {unit}"
         check(abs(number) <= most, f"{name} {column}", shown, allowed=allowed, hint=hint)
         numbers.append(number)
     return Pose(np.array(numbers[:3]), numbers[3])
