@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 import reference
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.acoustics.types import Array, Echoes, Observation, Pose, Room
+from echolearn.acoustics.types import Array, Observation, Pose, Room
 from echolearn.checks import BadValue
 from echolearn.dataset import generate as generation
 from echolearn.dataset.generate import folder_of, generate
@@ -74,7 +74,8 @@ def test_a_set_of_more_shards_than_a_manifest_can_name_is_not_begun(
 ) -> None:
     plan = replace(scattered, rows=manifests.MOST + 1, shard_rows=1)
     with pytest.raises(
-        BadValue, match="^plan.shard_rows=1: at most 500000 shards of 500001 rows; make it larger$"
+        BadValue,
+        match="^plan.shard_rows=1: must make at most 500000 shards of the 500001 rows; make it larger$",
     ):
         generate(plan, runs=tmp_path, engine=Serial())
     assert not any(tmp_path.iterdir())
@@ -212,11 +213,8 @@ def test_labels_by_hand(
     `distance`."""
     spot = Spot(plan.room, Pose(np.array([1.0, 2.5, 2.0]), np.pi / 2), NoiseLevels(0.0), 0)
     path = np.linalg.norm([2 * distance, -0.2])
-    toa, azimuth, level = (
-        np.array([[value]]) for value in (path / 343.0, np.pi / 2 + turned, np.pi / 2)
-    )
-    echoes = Echoes(toa, toa, toa, azimuth, level, toa)
-    found = labels_of((spot,), echoes, plan.scene)
+    estimate = np.array([[path / 343.0, np.pi / 2 + turned, np.pi / 2]])
+    found = labels_of(estimate, spot, plan.scene)
     assert (found["reflector"][0], found["on_map"][0]) == (reflector, on_map)
     assert found["truth_toa"][0, 0] == pytest.approx(np.hypot(2.0, 0.2) / 343.0)
 

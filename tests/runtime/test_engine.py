@@ -252,7 +252,7 @@ def test_a_worker_that_does_not_find_the_mark_writes_nothing(tmp_path: Path) -> 
         assert mark.is_file()
     assert not place.exists()
     with pytest.raises(BadValue, match=f"^runs={place}: a folder that all workers see"):
-        _write(plan_of(SMALL), mark, 0)
+        _write(0, plan=plan_of(SMALL), mark=mark)
     assert not place.exists()
 
 
@@ -273,7 +273,7 @@ def test_a_worker_computes_the_same_wherever_the_arrays_of_a_job_lie(
     object.__setattr__(plan.scene.probe, "samples", at_an_odd_byte(plan.scene.probe.samples))
     with presence(elsewhere) as mark:
         for shard in range(6):
-            alone(partial(_write, plan, mark), versions(), shard)
+            alone(partial(_write, plan=plan, mark=mark), versions(), shard)
     assert shards(contents(elsewhere)) == shards(whole(SMALL))
 
 

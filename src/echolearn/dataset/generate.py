@@ -1,11 +1,10 @@
-"""Labelled sets of observations: a plan says where and how, `generate` simulates, estimates,
-describes, labels.
+"""Labelled sets of observations: a plan says where and how, `generate` makes the records.
+
+    plan -> shards that are missing -> engine -> records of each (`records`) -> manifest
 
 Row i of a set depends on `SeedSequence(plan.seed, spawn_key=(i,))` alone, and shards are always
 computed whole and with one thread, so the bytes are the same for any engine, any number of workers
-and any interruption.
-
-A shard is one structured array, a record per echo (`records`).
+and any interruption. A shard is one structured array, a record per echo.
 """
 
 import time
@@ -35,14 +34,8 @@ PATIENCE = 60.0
 SHARED = "a folder that all workers see and write to at the same path; some worker does not"
 
 
-def folder_of(plan: Plan, runs: Path) -> Path:
-    """Return the folder of a plan's set, named after the digest of the plan."""
-    return Path(runs) / "data" / f"{plan.name}-{digest({'format': FORMAT, 'plan': plain(plan)})}"
-
-
 def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = None) -> Path:
-    """Simulate, estimate, describe and label every row of a plan; finished shards are kept, a
-    finished set is skipped.
+    """Make the set of a plan; finished shards are kept, a finished set is skipped.
 
     Args:
         plan: what to observe.
@@ -58,39 +51,39 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
         BadValue: more shards than a manifest can name, the engine cannot work, or the disk is full,
             or not shared by the workers.
     """
-    folder, shards = folder_of(plan, runs), -(-len(plan) // plan.shard_rows)
-    name, allowed = "plan.shard_rows", f"at most {manifests.MOST} shards of {len(plan)} rows"
-    check(shards <= manifests.MOST, name, plan.shard_rows, allowed=allowed, hint="make it larger")
+    folder = folder_of(plan, runs)
+    count = -(-len(plan) // plan.shard_rows)
+    allowed = f"must make at most {manifests.MOST} shards of the {len(plan)} rows"
+    fits = count <= manifests.MOST
+    check(fits, "plan.shard_rows", plan.shard_rows, allowed=allowed, hint="make it larger")
+
     clean(folder)
-    names = [manifests.shard_name(shard) for shard in range(shards)]
-    missing = manifests.missing_shards(folder, len(names))
+    missing = manifests.missing_shards(folder, count)
     if missing:
-        _simulate(plan, folder, missing, done=len(names) - len(missing), engine=engine)
+        # The mark is how a worker elsewhere knows that its folder is this one.
+        with (
+            presence(folder.resolve()) as mark,
+            closing(engine(partial(_write, plan=plan, mark=mark), missing)) as jobs,
+        ):
+            title = f"generate {folder.name}"
+            for _ in track(jobs, title, total=count, unit="shards", done=count - len(missing)):
+                pass
+        _await([manifests.sidecar(folder / manifests.shard_name(shard)) for shard in missing])
+
     if missing or not manifests.is_finished(folder):
-        about = {
-            "kind": "set",
-            "format": FORMAT,
-            "rows": len(plan) * plan.localizer.echoes,
-            "plan": plain(plan),
-        }
-        manifests.finish(folder, about | manifests.command_entry(command), names)
+        rows = len(plan) * plan.localizer.echoes
+        about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
+        names = map(manifests.shard_name, range(count))
+        manifests.finish(folder, about | manifests.made_by(command), names)
     return folder
 
 
-def _simulate(plan: Plan, folder: Path, missing: list[int], *, done: int, engine: Engine) -> None:
-    """Write the missing shards."""
-    with (
-        presence(folder.resolve()) as mark,
-        closing(engine(partial(_write, plan, mark), missing)) as jobs,
-    ):
-        for _ in track(
-            jobs, f"generate {folder.name}", total=done + len(missing), unit="shards", done=done
-        ):
-            pass
-    _await([manifests.sidecar(folder / manifests.shard_name(shard)) for shard in missing])
+def folder_of(plan: Plan, runs: Path) -> Path:
+    """Return the folder of a plan's set, named after the digest of the plan."""
+    return Path(runs) / "data" / f"{plan.name}-{digest({'format': FORMAT, 'plan': plain(plan)})}"
 
 
-def _write(plan: Plan, mark: Path, shard: int) -> None:
+def _write(shard: int, *, plan: Plan, mark: Path) -> None:
     """Write one shard beside the mark by which a worker knows the folder."""
     check(mark.is_file(), "runs", mark.parent, allowed=SHARED)
     rows = range(len(plan))[shard * plan.shard_rows :][: plan.shard_rows]
@@ -99,17 +92,13 @@ def _write(plan: Plan, mark: Path, shard: int) -> None:
 
 
 def _await(paths: list[Path]) -> None:
-    """Wait for files that others have written: a network's disk may show them late. A finished set
-    has none left.
-    """
-    until, folder = time.monotonic() + PATIENCE, paths[0].parent
+    """Wait for files that others have written: a network's disk may show them late."""
+    folder = paths[0].parent
+    until = time.monotonic() + PATIENCE
     while absent := [path for path in paths if not path.is_file()]:
-        if manifests.is_finished(folder):  # by another command
+        # Another command may have finished the set, and a finished set has none of them left.
+        if manifests.is_finished(folder):
             return
-        check(
-            time.monotonic() < until,
-            "runs",
-            folder,
-            allowed=f"{SHARED} ({absent[0].name} is not seen)",
-        )
+        allowed = f"{SHARED} ({absent[0].name} is not seen)"
+        check(time.monotonic() < until, "runs", folder, allowed=allowed)
         time.sleep(0.2)
