@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check_number, finite_array
+from echolearn.checks import check_number, finite_vector
 
 TOA_TOLERANCE_SAMPLES = 10
 """Samples by which an echo's time may miss that of a wall: the paper's label."""
@@ -50,4 +50,4 @@ def match_echoes(reference_toa: Array, estimated_toa: Array, *, tolerance: float
 
 def _times(name: str, values: Array) -> Array:
     allowed = "one finite time in s for each, in one row"
-    return finite_array(name, values, shape=(-1,), allowed=allowed)
+    return finite_vector(name, values, allowed=allowed)
