@@ -15,7 +15,7 @@ CROSSED := [s*,t*]
 MAPPED := 8x6x5,13x11x5
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper tiny readme studies bench architecture test test-release lint clean
+.PHONY: help venv paper tiny readme studies bench architecture test test-release coverage lint clean
 
 help: ## show this page
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -76,6 +76,11 @@ test: $(READY) ## run the tests but those for a release
 
 test-release: $(READY) ## run the tests that need fresh environments, a browser or minutes
 	@OMP_NUM_THREADS=1 $(BIN)/pytest -m release --durations=10
+
+coverage: $(READY) ## which lines and branches the tests reach
+	@rm -f .coverage .coverage.*
+	OMP_NUM_THREADS=1 $(BIN)/coverage run -m pytest -q
+	@$(BIN)/coverage combine --quiet && $(BIN)/coverage report --skip-covered --sort=cover
 
 lint: $(READY) ## ruff and mypy
 	$(BIN)/ruff check src tests
