@@ -98,7 +98,7 @@ def test_a_configuration_can_be_shown_instead_of_run(
     elsewhere: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["generate", "--cfg", "plan=tiny", "plan.seed=41"]) == 0
-    assert "  name: tiny\n  seed: 41\n" in capsys.readouterr().out
+    assert "\n  seed: 41\n" in capsys.readouterr().out
     assert list(elsewhere.iterdir()) == []
 
 
@@ -110,13 +110,13 @@ def test_a_configuration_can_be_shown_instead_of_run(
     [
         ("genrate", 2, "genrate: there is no such command; did you mean generate?"),
         ("generate --mutlirun", 2, "--mutlirun: there is no such option"),
-        ("generate -j 2", 2, "-j: is for multiruns; there is no -m"),
+        ("generate -j 2", 2, "-j: is for sweeps over several values; -m is missing"),
         (
             "generate hydra/launcher=joblib",
             2,
-            "hydra/launcher=joblib: is for multiruns; there is no",
+            "hydra/launcher=joblib: is for sweeps over several values",
         ),
-        ("generate plan=tiny -- plan.seed=3", 2, "--: is for multiruns; there is no -m"),
+        ("generate plan=tiny -- plan.seed=3", 2, "--: is for sweeps over several values; -m is missing"),
         ("generate -m -- --mutlirun", 2, "--mutlirun: there is no such option"),
         (
             "generate -m -j two",
@@ -422,6 +422,6 @@ def test_a_folder_without_a_name_is_refused_by_every_command(
     assert main([command, f"runs={runs}", "--cfg"]) == 2
     said = capsys.readouterr().err
     assert said.startswith("error: runs=") and said.endswith(
-        ": the name of a folder; the current one is runs=.\n"
+        ": must be the name of a folder; the current one is runs=.\n"
     )
     assert list(elsewhere.iterdir()) == []

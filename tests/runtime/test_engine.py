@@ -33,7 +33,7 @@ from echolearn.cli.main import main
 from echolearn.dataset import generate as generation
 from echolearn.dataset.generate import _write, folder_of, generate
 from echolearn.dataset.records import records
-from echolearn.runtime.engines.dask import Dask, alone, versions
+from echolearn.runtime.engines.dask import Dask, do_alone, versions
 from echolearn.runtime.engines.serial import Serial
 from echolearn.storage import manifests
 from echolearn.storage.files import clean
@@ -273,7 +273,7 @@ def test_a_worker_computes_the_same_wherever_the_arrays_of_a_job_lie(
     object.__setattr__(plan.scene.probe, "samples", at_an_odd_byte(plan.scene.probe.samples))
     with presence(elsewhere) as mark:
         for shard in range(6):
-            alone(partial(_write, plan=plan, mark=mark), versions(), shard)
+            do_alone(partial(_write, plan=plan, mark=mark), versions(), shard)
     assert shards(contents(elsewhere)) == shards(whole(SMALL))
 
 
@@ -337,7 +337,7 @@ def test_a_worker_that_comes_later_is_asked_by_its_jobs() -> None:
     with pytest.raises(
         BadValue, match="^engine: a worker has numpy .* instead of 1.0; install there what is"
     ):
-        alone(math.sqrt, versions() | {"numpy": "1.0"}, 4.0)
+        do_alone(math.sqrt, versions() | {"numpy": "1.0"}, 4.0)
 
 
 @pytest.mark.filterwarnings("error")
@@ -434,24 +434,24 @@ def stopped(
     [
         (
             "engine=dask engine.address=tcp://127.0.0.1:9 engine.timeout=0.5",
-            "engine.address=tcp://127.0.0.1:9: a Dask scheduler that answers within 0.5 s; is it running, and is the",
+            "engine.address=tcp://127.0.0.1:9: must be a Dask scheduler that answers within 0.5 s; is it running, and is the",
         ),
         (
             "engine=dask engine.address=node1:8786",
-            "engine.address=node1:8786: an address, tcp://host:port, as the",
+            "engine.address=node1:8786: must be an address, tcp://host:port, as the",
         ),
         (
             "engine=dask engine.address=tcp://node1",
-            "engine.address=tcp://node1: an address, tcp://host:port",
+            "engine.address=tcp://node1: must be an address, tcp://host:port",
         ),
-        ("engine=dask engine.address=8786", "engine.address=8786: an address, tcp://host:port"),
+        ("engine=dask engine.address=8786", "engine.address=8786: must be an address, tcp://host:port"),
         (
             "engine=dask engine.scheduler_file=no",
-            "engine.scheduler_file=no: a file that dask scheduler",
+            "engine.scheduler_file=no: must be a file that dask scheduler",
         ),
         (
             "engine=dask engine.scheduler_file=no engine.address=tcp://a:1",
-            "engine.address=tcp://a:1: an address or a scheduler_file, not both",
+            "engine.address=tcp://a:1: must not be given together with a scheduler_file",
         ),
         ("engine=dask workers=0", "workers=0: must be a whole number from 1 to 1024"),
         ("engine=dask engine.timeout=0", "engine.timeout=0 s: must be a number from 0.1 to 86400 s"),
@@ -472,5 +472,5 @@ def test_without_dask_it_is_said_how_to_get_it(
     assert main(["generate", *SMALL, "engine=dask"]) == 1
     assert (
         capsys.readouterr().err
-        == "error: engine=dask: needs distributed; pip install 'echolearn[cluster]'\n"
+        == "error: engine=dask: needs Dask; pip install 'echolearn[cluster]'\n"
     )

@@ -87,35 +87,3 @@ def test_an_error_cancels_what_has_not_begun() -> None:
         raise KeyError
     assert time.monotonic() - began < 30
     assert sum(job.cancelled() for job in waiting) > 50
-
-
-# ---------------------------------------------------------------- a copy that works meanwhile
-
-MEANWHILE = """
-import os, traceback
-from echolearn.runtime.processes import meanwhile
-
-class Odd(Exception):
-    def __init__(self, key, *, value):
-        super().__init__(f"{key}={value}")
-
-def deep():
-    raise Odd("step", value=0)
-
-done = []
-assert meanwhile(os.getpid, lambda: done.append(1)) != os.getpid() and done == [1]
-assert meanwhile(lambda: (lambda: 5), lambda: None)() == 5  # which cannot be sent
-try:
-    meanwhile(deep, lambda: done.append(2))
-except Odd as error:
-    print(error, error.__context__, *(frame.name for frame in traceback.extract_tb(error.__traceback__)), done)
-"""
-
-
-def test_an_error_of_the_copy_arises_where_it_arose() -> None:
-    """Whatever its class takes to be made."""
-    environment = {**os.environ, "PYTHONPATH": str(SOURCE)}
-    done = subprocess.run(
-        [sys.executable, "-c", MEANWHILE], capture_output=True, text=True, env=environment
-    )
-    assert (done.stdout, done.stderr) == ("step=0 None <module> meanwhile deep [1, 2]\n", "")

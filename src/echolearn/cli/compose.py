@@ -149,7 +149,7 @@ def _chooses(override: "Override") -> bool:
     """
     word = override.input_line
     key = override.key_or_group
-    if key.replace("/", ".").partition(".")[0] == "hydra":
+    if key.startswith("hydra"):
         raise UsageError(f"{word}: hydra's own settings are fixed, but for its launcher's")
     options = _options(key)
     option = override.value()
@@ -206,14 +206,15 @@ def _set(config: "DictConfig", override: "Override", known: Sequence[str]) -> No
 
     default = OmegaConf.select(config, key)
     value = override.value()
-    needed = isinstance(default, str | DictConfig)
-    leaving = f"localizer@{key}=null"
-    advice = f"leave it out by {leaving}" if leaving[:-5] in config.choice else ""
+    refusal = ""
     if override.type == OverrideType.DEL:
-        advice = advice or (f"{key} cannot be null either" if needed else "set it to null")
-        raise UsageError(f"{word}: keys are set, not deleted; {advice}")
-    if value is None and needed:
-        raise UsageError("; ".join(filter(None, (f"{word}: {key} cannot be null", advice))))
+        refusal = "keys are set, not deleted"
+    elif value is None and isinstance(default, str | DictConfig):
+        refusal = f"{key} cannot be null"
+    if refusal:
+        group = f"localizer@{key}"
+        advice = f"leave it out by {group}=null" if group in config.choice else f"as in {key}=..."
+        raise UsageError(f"{word}: {refusal}; {advice}")
 
     # A name that looks like a number stays what was typed.
     if isinstance(value, int | float) and (key in TEXTS or isinstance(default, str)):

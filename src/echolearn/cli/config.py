@@ -1,4 +1,4 @@
-"""A configuration is a call written down: `_target_` names what to call, the other keys its arguments.
+"""A configuration is a call written down: `_target_` names what to call, other keys are arguments.
 
     conf/*.yaml + command line --compose--> plain containers --build--> objects
 

@@ -1,15 +1,17 @@
-"""The commands: `echolearn <command> [overrides]`.
+"""The command line: `echolearn <command> [key=value ...] [options]`.
 
-Hydra composes what a command shall do from `conf/<command>.yaml`, its groups and the overrides;
-with `-m` the command runs once for every combination of the swept values. What it then does stands
-in `commands`. Whatever goes wrong ends as one line on stderr and a status that is not zero.
+    words --parse--> options, sweeps --compose--> configurations --COMMANDS--> where the results are
+
+What a command shall do is put together from `conf/<command>.yaml`, its groups and what is typed.
+With `-m` it runs once for every combination of the swept values. What it then does stands in
+`commands`. Whatever goes wrong ends as one line on stderr and a status that is not zero.
 """
 
 import os
 import sys
 from argparse import ArgumentError, ArgumentParser, Namespace
 from collections.abc import Sequence
-from importlib import import_module
+from contextlib import nullcontext
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -25,43 +27,38 @@ commands:
 
 options:
   --help       of a command: its groups and keys
+  --version    show the version
   --cfg        show the whole configuration instead of running it
   -m           run once for every combination: seed=0,1,2 classifier=svm_pair,trees_features
   --           with -m: another sweep follows; what stands before the first -- holds for all
-  -j N         of these, N at a time; or hydra/launcher=joblib, submitit_slurm ... with hydra.launcher.<key>=<value>
+  -j N         with -m: do N jobs at a time, each in a process of its own; or let a launcher of
+               Hydra do them: hydra/launcher=joblib, set by hydra.launcher.<key>=<value>
   --traceback  show where in the code an error arose
 
-More than this is in Hydra's override grammar: key=[1,2] is one list, 'classifier=glob(*)' sweeps over all options.
+Values are written in Hydra's override grammar: key=[1,2] is one list, and 'classifier=glob(*)'
+sweeps over all options.
 """
-
-
-DIRECTORS = {
-    "generate": (
-        "echolearn.dataset.generate",
-        "echolearn.simulation.rir.images",
-        "echolearn.localization.methods.gated",
-    )
-}
-"""Commands that let other processes compute, and what these will import, which their director does
-for all."""
 
 OPTIONS = ("-m", "-j", "--cfg", "--help", "--traceback")
 
+Job = tuple[str, dict[str, Any]]
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command line; return 0, 1 if it failed, 2 if it cannot be understood, 130 if
-    interrupted.
+    """Run a command line, and return its exit status.
+
+    That is 0, 1 if it failed, 2 if it cannot be understood, 130 if it was interrupted.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     trace = "--traceback" in words
     try:
         dispatch([word for word in words if word != "--traceback"], trace=trace)
     except KeyboardInterrupt:
-        print(
-            "error: interrupted; the same command continues with what is finished", file=sys.stderr
-        )
+        hint = "the same command continues with what is finished"
+        print(f"error: interrupted; {hint}", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # whoever read our output, `head` say, has seen enough
+    except BrokenPipeError:
+        # Whoever read our output, `head` say, has seen enough.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
@@ -75,66 +72,69 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def dispatch(words: Sequence[str], *, trace: bool) -> None:
     """Find the command, and run or explain it."""
-    command, rest = (words[0], words[1:]) if words else ("--help", [])
+    command, *rest = words or ["--help"]
     if command in ("--help", "-h"):
         print(overview())
+    elif command == "--version":
+        from echolearn import __version__
+
+        print(__version__)
     elif command not in (*COMMANDS, "verify"):
         from echolearn.checks import suggest
         from echolearn.cli.config import UsageError
 
-        raise UsageError(
-            f"{command}: there is no such command; {suggest(command, [*COMMANDS, 'verify'])}"
-        )
+        advice = suggest(command, [*COMMANDS, "verify"])
+        raise UsageError(f"{command}: there is no such command; {advice}")
     elif "--help" in rest or "-h" in rest:
         print(explain(command))
     elif command == "verify":
-        verify_all(rest, trace=trace)
-    elif command in DIRECTORS:
+        verify(rest, trace=trace)
+    else:
         from echolearn.runtime.processes import single_threads
 
-        with (
-            single_threads()
-        ):  # before a library is there that would begin threads: then this process can be forked
+        # The workers of `generate` compute with one thread each. If numpy, which now loads, begins
+        # no threads here either, this process can fork them, which saves each its imports.
+        with single_threads() if command == "generate" else nullcontext():
             run(command, rest, trace=trace)
-    else:
-        run(command, rest, trace=trace)
 
 
 def overview() -> str:
     """Return the text of `echolearn --help`."""
     import echolearn
 
-    lines = [
-        f"  {name:10}{(function.__doc__ or '').strip()}"
-        for name, function in [*COMMANDS.items(), ("verify", verify_folder)]
-    ]
-    return HELP.format(
-        summary=(echolearn.__doc__ or "").split("\n")[0], commands="\n".join(lines)
-    ).rstrip()
+    functions = {**COMMANDS, "verify": verify_folder}
+    lines = [f"  {name:10}{function.__doc__}" for name, function in functions.items()]
+    summary = (echolearn.__doc__ or "").split("\n")[0]
+    return HELP.format(summary=summary, commands="\n".join(lines)).rstrip()
 
 
 def explain(command: str) -> str:
     """Return the text of `echolearn <command> --help`: what it does, its groups, its keys."""
-    from echolearn.cli import config
+    from echolearn.cli.config import folder
 
     if command == "verify":
         return f"usage: echolearn verify <folder> ...\n\n{verify_folder.__doc__}"
-    head, _, keys = (config.folder() / f"{command}.yaml").read_text().partition("\n\n")
+    text = f"usage: echolearn {command} [key=value ...] [-m]\n\n{COMMANDS[command].__doc__}"
+
+    # The file begins with its groups, "- localizer@place: option", and goes on with its keys.
+    head, _, keys = (folder() / f"{command}.yaml").read_text().partition("\n\n")
     listed = head.partition("defaults:\n")[2].splitlines()
-    groups = [line.strip(" -").partition(":")[0].partition("@")[0] for line in listed]
-    options = {
-        g: ", ".join(sorted(path.stem for path in (config.folder() / g).glob("*.yaml")))
-        for g in groups
-        if g != "_self_"
-    }
-    lines = [f"  {group:12}{names}" for group, names in options.items()]
-    usage = f"usage: echolearn {command} [key=value ...] [-m]\n\n{COMMANDS[command].__doc__}"
-    chosen = f"\n\ngroups, as in {command} group=option:\n" + "\n".join(lines) if lines else ""
-    return f"{usage}{chosen}\n\nkeys:\n\n{keys}"
+    groups = dict.fromkeys(line.strip(" -").partition(":")[0].partition("@")[0] for line in listed)
+    groups.pop("_self_", None)
+    if groups:
+        text += f"\n\ngroups, as in {command} group=option:\n"
+    for group in groups:
+        options = sorted(path.stem for path in (folder() / group).glob("*.yaml"))
+        text += f"\n  {group:12}{', '.join(options)}"
+    return f"{text}\n\nkeys:\n\n{keys}"
 
 
-def verify_all(folders: Sequence[str], *, trace: bool) -> None:
-    """Verify every folder, and say what is wrong with which."""
+def verify(folders: Sequence[str], *, trace: bool) -> None:
+    """Verify every folder, and say what is wrong with which.
+
+    Raises:
+        UsageError: no folder, or an option.
+    """
     from echolearn.cli.config import UsageError
     from echolearn.cli.sweeps import run_all
 
@@ -142,9 +142,8 @@ def verify_all(folders: Sequence[str], *, trace: bool) -> None:
         raise UsageError("verify: name one or more folders, as in: echolearn verify runs/data/*")
     for folder in folders:
         if folder.startswith("-"):
-            raise UsageError(
-                f"{folder}: there is no such option; verify takes folders, ./{folder} if it is one"
-            )
+            hint = f"verify takes folders, ./{folder} if it is one"
+            raise UsageError(f"{folder}: there is no such option; {hint}")
     if len(folders) == 1:
         print(verify_folder(folders[0]))
     else:
@@ -152,30 +151,35 @@ def verify_all(folders: Sequence[str], *, trace: bool) -> None:
 
 
 def run(command: str, words: Sequence[str], *, trace: bool) -> None:
-    """Run a command once, or with `-m` for every combination; with `--cfg` show its configuration
-    instead.
+    """Run a command once, or with `-m` for every combination; or show what it would do.
+
+    Raises:
+        UsageError: a slip in an option or an override.
     """
     from echolearn.cli.sweeps import run_all, say
 
     options, launcher, sweeps = parse(words)
-    jobs = composed(command, options, sweeps)
+    jobs = composed(command, sweeps, options)
     if options.cfg:
+        import yaml
+
         for _, config in jobs:
-            show(config)
+            print(yaml.safe_dump(config, sort_keys=False), end="")
     elif options.m:
         place = Path(jobs[0][1]["runs"]) / "sweeps"
-        run_all(
-            COMMANDS[command], jobs, workers=options.j, launcher=launcher, place=place, trace=trace
-        )
+        work = COMMANDS[command]
+        run_all(work, jobs, workers=options.j, launcher=launcher, place=place, trace=trace)
     else:
         say(COMMANDS[command](jobs[0][1]))
 
 
-def composed(
-    command: str, options: Namespace, sweeps: Sequence[Sequence[str]]
-) -> list[tuple[str, dict[str, Any]]]:
-    """Return the jobs of all sweeps, each with a folder to write to; meanwhile what the command
-    needs is imported.
+def composed(command: str, sweeps: Sequence[Sequence[str]], options: Namespace) -> list[Job]:
+    """Return the jobs of all sweeps.
+
+    Args:
+        command: what to do.
+        sweeps: overrides of each sweep; one list of them without -m.
+        options: those of the command line.
 
     Raises:
         UsageError: a slip in an override, or a folder without a name, which would be the current
@@ -183,28 +187,19 @@ def composed(
     """
     from echolearn.cli.compose import compose
     from echolearn.cli.config import UsageError
-    from echolearn.runtime.processes import meanwhile
 
-    def work() -> list[tuple[str, dict[str, Any]]]:
-        return [
-            job
-            for sweep in sweeps
-            for job in compose(command, sweep, many=options.m, resolve=not options.cfg)
-        ]
-
-    needed = () if options.cfg else DIRECTORS.get(command, ())
-    jobs = meanwhile(work, lambda: [import_module(name) for name in needed]) if needed else work()
+    jobs: list[Job] = []
+    for sweep in sweeps:
+        jobs += compose(command, sweep, many=options.m, resolve=not options.cfg)
     for _, config in jobs:
         if not config["runs"].strip():
-            raise UsageError(
-                f"runs={config['runs']}: the name of a folder; the current one is runs=."
-            )
+            hint = "the current one is runs=."
+            raise UsageError(f"runs={config['runs']}: must be the name of a folder; {hint}")
     return jobs
 
 
 def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:
-    """Return the options of a command line, the overrides for a launcher of Hydra, and the others
-    of each sweep.
+    """Return the options, the overrides for a launcher of Hydra, and the others of each sweep.
 
     Raises:
         UsageError: an option that does not exist, or has no effect here.
@@ -213,31 +208,25 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:
     from echolearn.cli.config import UsageError
 
     parser = ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
-    for name in ("-m", "--cfg"):
-        parser.add_argument(name, action="store_true")
+    parser.add_argument("-m", action="store_true")
+    parser.add_argument("--cfg", action="store_true")
     parser.add_argument("-j", type=int, choices=range(1, 1025), metavar="N", default=1)
-    shared, *sweeps = [
-        list(part) for dashes, part in groupby(["", *words], "--".__eq__) if not dashes
-    ]
+
+    # The word before the first -- keeps the first part from being empty.
+    parts = groupby(["first", *words], "--".__eq__)
+    [_, *shared], *sweeps = [list(part) for dashes, part in parts if not dashes]
     try:
-        options, rest = parser.parse_known_args(shared[1:])
+        options, rest = parser.parse_known_args(shared)
     except ArgumentError:
-        raise UsageError(
-            "-j: must be followed by the number of processes, from 1 to 1024"
-        ) from None
-    for word in (word for part in (rest, *sweeps) for word in part):
+        hint = "must be followed by the number of processes, from 1 to 1024"
+        raise UsageError(f"-j: {hint}") from None
+    for word in sum(sweeps, rest):
         if word.startswith("-"):
             raise UsageError(f"{word}: there is no such option; {suggest(word, OPTIONS)}")
+
     launcher = [word for word in rest if word.startswith(("hydra/launcher=", "hydra.launcher."))]
     needless = [*launcher, *["-j"] * (options.j > 1), *["--"] * bool(sweeps)]
     if needless and not options.m:
-        raise UsageError(f"{needless[0]}: is for multiruns; there is no -m")
+        raise UsageError(f"{needless[0]}: is for sweeps over several values; -m is missing")
     common = [word for word in rest if word not in launcher]
     return options, launcher, [[*common, *sweep] for sweep in sweeps or [[]]]
-
-
-def show(config: dict[str, Any]) -> None:
-    """Print a configuration."""
-    import yaml
-
-    print(yaml.safe_dump(config, sort_keys=False), end="")

@@ -1,11 +1,9 @@
-"""Many jobs: here one after another, in processes of this machine, or wherever a launcher of Hydra
-takes them.
+"""Many jobs: one after another here, in processes of this machine, or by a launcher of Hydra.
 
-    for every (name, argument), in any order, in any process:  work(argument) -> result, or one line
-    about an error
+    for every (name, argument), in any process:  work(argument) -> result, or a line about an error
 
 A failing job stops no other one; it is named at the end. Hydra gets the numbers of the jobs alone:
-their configurations are composed before (`config.compose`), so a job is the same wherever it runs.
+their configurations are composed before (`compose`), so a job is the same wherever it runs.
 Processes compute with one thread each.
 """
 
@@ -26,8 +24,10 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 Job = tuple[str, Any]
-Attempt = Callable[[Job], tuple[Any, str]]
+"""Name and argument."""
 
+Outcome = tuple[Any, str]
+"""Result, and a line about an error; one of them is empty."""
 
 ADVICE = {
     errno.EACCES: "may you read and write there?",
@@ -59,21 +59,26 @@ def run_all(
     Args:
         work: what to do; picklable unless it is done here.
         jobs: names, and arguments of `work`.
-        workers: processes.
+        workers: number of processes.
         launcher: overrides that choose and set a launcher of Hydra instead; none for none.
         place: folder for what such a launcher writes.
-        trace: print tracebacks, too.
+        trace: whether to print tracebacks, too.
 
     Raises:
         JobsFailed: some jobs failed.
         UsageError: a launcher that is not installed, or a setting that it does not know.
     """
-    trying, failed = partial(attempt, work, trace=trace), []
+    trying = partial(_attempt, work, trace)
+    outcomes: Iterable[Outcome]
     if launcher:
-        results = by_hydra(trying, jobs, words=launcher, place=place)
+        outcomes = _by_hydra(trying, jobs, launcher=launcher, place=place)
+    elif workers > 1:
+        outcomes = _in_processes(trying, jobs, workers=workers)
     else:
-        results = in_processes(trying, jobs, workers=workers) if workers > 1 else map(trying, jobs)
-    for (name, _), (result, error) in zip(jobs, results, strict=True):
+        outcomes = map(trying, jobs)
+
+    failed = []
+    for (name, _), (result, error) in zip(jobs, outcomes, strict=True):
         if error:
             failed.append(name)
             print(error, file=sys.stderr, flush=True)
@@ -88,8 +93,8 @@ def say(result: object) -> None:
         print(result, flush=True)
 
 
-def attempt(work: Callable[[Any], Any], job: Job, *, trace: bool) -> tuple[Any, str]:
-    """Do one job; return its result, and a text about its error that any process can send."""
+def _attempt(work: Callable[[Any], Any], trace: bool, job: Job) -> Outcome:
+    """Do one job; its error becomes a text, which any process can send."""
     name, argument = job
     try:
         return work(argument), ""
@@ -98,31 +103,35 @@ def attempt(work: Callable[[Any], Any], job: Job, *, trace: bool) -> tuple[Any, 
 
 
 def complaint(error: Exception, *, trace: bool, about: str = "") -> str:
-    """Return one line about an error, after its traceback if wanted."""
-    before = "".join(traceback.format_exception(error)) if trace else ""
-    if isinstance(error, OSError) and error.filename is not None:
-        reason = f"{os.fsdecode(error.filename)}: {error.strerror}; {ADVICE.get(error.errno or 0, 'is it the right one?')}"
-        return f"{before}error: {about}{' '.join(reason.split())}"
-    kind = (
-        "" if isinstance(error, BadValue | UsageError | JobsFailed) else f"{type(error).__name__}: "
-    )
-    hint = "; pip install 'echolearn[lab]'" if isinstance(error, ModuleNotFoundError) else ""
-    return f"{before}error: {about}{kind}{' '.join(str(error).split())}{hint}"
+    """Return one line about an error.
 
-
-def in_processes(
-    trying: Attempt, jobs: Sequence[Job], *, workers: int
-) -> Iterable[tuple[Any, str]]:
-    """Yield what comes of each job in turn, done by so many processes of this machine, which die of
-    an interrupt.
+    Args:
+        error: what was raised.
+        trace: whether its traceback stands before the line.
+        about: beginning of the line, which names the job.
     """
+    reason = f"{type(error).__name__}: {error}"
+    if isinstance(error, BadValue | UsageError | JobsFailed):
+        reason = f"{error}"
+    elif isinstance(error, ModuleNotFoundError):
+        reason += "; pip install 'echolearn[lab]'"
+    elif isinstance(error, OSError) and error.filename is not None:
+        advice = ADVICE.get(error.errno or 0, "is it the right one?")
+        reason = f"{os.fsdecode(error.filename)}: {error.strerror}; {advice}"
+    before = "".join(traceback.format_exception(error)) if trace else ""
+    return f"{before}error: {about}{' '.join(reason.split())}"
+
+
+def _in_processes(
+    trying: Callable[[Job], Outcome], jobs: Sequence[Job], *, workers: int
+) -> Iterable[Outcome]:
     with processes(min(workers, len(jobs))) as pool:
         yield from pool.map(trying, jobs)
 
 
-def by_hydra(
-    trying: Attempt, jobs: Sequence[Job], *, words: Sequence[str], place: Path
-) -> Iterable[tuple[Any, str]]:
+def _by_hydra(
+    trying: Callable[[Job], Outcome], jobs: Sequence[Job], *, launcher: Sequence[str], place: Path
+) -> list[Outcome]:
     """Return what comes of each job, done by a launcher of Hydra."""
     from hydra import initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
@@ -133,22 +142,23 @@ def by_hydra(
         f"hydra.sweep.dir='{quoted}'",
         "hydra.sweep.subdir=.",
         "hydra.output_subdir=null",
-        *words,
+        *launcher,
+        "hydra/job_logging=none",
+        "hydra/hydra_logging=none",
+        f"+job=range({len(jobs)})",
     ]
-    settings += ["hydra/job_logging=none", "hydra/hydra_logging=none", f"+job=range({len(jobs)})"]
+    work = partial(_take, trying, jobs)
     with initialize_config_dir(version_base="1.3", config_dir=str(folder())), single_threads():
         hydra = GlobalHydra.instance().hydra
         assert hydra is not None
         try:
-            batches = hydra.multirun(
-                None, partial(_take, trying, jobs), settings, with_log_configuration=False
-            )
+            batches = hydra.multirun(None, work, settings, with_log_configuration=False)
         except HydraException as error:
             reason = str(error).split("\nSee http")[0]
             hint = "; pip install 'echolearn[cluster]'" if "Could not find" in reason else ""
-            raise UsageError(f"{' '.join(words)}: {reason}{hint}") from error
+            raise UsageError(f"{' '.join(launcher)}: {reason}{hint}") from error
     return [done.return_value for batch in batches for done in batch]
 
 
-def _take(trying: Attempt, jobs: Sequence[Job], config: "DictConfig") -> tuple[Any, str]:
+def _take(trying: Callable[[Job], Outcome], jobs: Sequence[Job], config: "DictConfig") -> Outcome:
     return trying(jobs[config.job])

@@ -5,9 +5,9 @@
     true or false          true or false
     a number               a number, whole where the default is whole
 
-So `name=2024_01_15`, `name=007` and `name=1e3` are names. With Hydra, keys whose default is null may
-also take numbers or lists; `TEXTS` are those that do not. Without Hydra, as on a robot, a command
-whose configuration is one file is read by `plain_config`, and every value by this table.
+So `name=2024_01_15`, `name=007` and `name=1e3` are names. With Hydra, keys whose default is null
+may also take numbers or lists; `TEXTS` are those that do not. Without Hydra, as on a robot, a
+command whose configuration is one file is read by `plain_config`, and every value by this table.
 """
 
 import shlex

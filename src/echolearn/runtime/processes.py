@@ -1,10 +1,8 @@
-"""Processes of this machine: each computes with one thread, and ends with the process that started
-it.
+"""Processes of this machine: each computes with one thread, and ends with the one that started it.
 
-A process with no thread but its own is forked: its children have at once what it has imported.
-    Otherwise they are begun
-anew, for half a second of imports each, since a thread may hold a lock that nobody would release in
-a copy.
+A process that runs no thread but its own is forked: its children have at once what it has imported.
+Otherwise they are begun anew, for half a second of imports each, since a thread may hold a lock
+that nobody would release in a copy.
 """
 
 import ctypes
@@ -13,41 +11,46 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
-from multiprocessing.connection import Connection
 from pathlib import Path
 from signal import SIG_DFL, SIGINT, signal
 from threading import Thread
 from threading import enumerate as enumerate_threads
-from typing import TypeVar
 
-T = TypeVar("T")
-
-THREADED = ("torch", "sklearn", "numba", "dask")
+THREADED = frozenset({"torch", "sklearn", "numba", "dask"})
 """Libraries that begin threads when they are used: how many they decided when they were imported.
 """
+
+THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Variables of the environment from which libraries take their number of threads."""
 
 WATCH = "waits for the parent's end"
 """Name of the thread with which a process ends when the one that started it does."""
 
-MMAP_THRESHOLD, TRIM_THRESHOLD, LARGE = -3, -1, 1 << 30
-"""Numbers of settings in glibc's malloc.h, and a value of both that no array reaches."""
+MMAP_THRESHOLD = -3
+TRIM_THRESHOLD = -1
+"""Numbers of two settings in glibc's malloc.h."""
+
+LARGE = 1 << 30
+"""Value of both, in bytes, that no array reaches."""
 
 
 @contextmanager
 def processes(
     count: int, *, begin: Callable[[], object] | None = None
 ) -> Iterator[ProcessPoolExecutor]:
-    """Start `count` processes for the time of a `with` block; an error or interrupt cancels what
-    has not begun.
+    """Start processes for the time of a `with` block.
+
+    An error or an interrupt in the block cancels what has not begun.
 
     Args:
         count: how many.
         begin: what each of them does first; picklable.
     """
-    context = get_context("fork" if is_alone() else "spawn")
-    gc.freeze()  # what is there stays: looking through it again would only copy it into every process
+    context = get_context("fork" if _can_be_forked() else "spawn")
+    # The collector would look through all that is there in every process, and so copy it.
+    gc.freeze()
     try:
         with (
             single_threads(),
@@ -62,50 +65,33 @@ def processes(
         gc.unfreeze()
 
 
-def is_alone() -> bool:
-    """Tell whether this process can be forked: it runs no second thread, also none of a library.
+def _can_be_forked() -> bool:
+    """Tell whether this process runs no second thread, also none of a library.
 
     But for the one that waits for the parent's end (`_begin`), which holds no lock.
     """
-    threads, known = (
-        Path("/proc/self/task"),
-        1 + sum(thread.name == WATCH for thread in enumerate_threads()),
-    )
-    return (
-        not sys.modules.keys() & set(THREADED)
-        and threads.is_dir()
-        and len(list(threads.iterdir())) == known
-    )
+    known = 1 + sum(thread.name == WATCH for thread in enumerate_threads())
+    threads = Path("/proc/self/task")
+    if THREADED & sys.modules.keys() or not threads.is_dir():
+        return False
+    return len(list(threads.iterdir())) == known
 
 
-def meanwhile(work: Callable[[], T], other: Callable[[], object]) -> T:
-    """Return what `work` returns or raise what it raises, done by a copy of this process while this
-    one does `other`.
+@contextmanager
+def single_threads() -> Iterator[None]:
+    """Let processes started inside, and libraries loaded inside, compute with one thread each.
 
-    Args:
-        work: done here, and nothing else, where this process cannot be forked; done here once more
-            if the copy fails, so that an error comes from where it arose; its result is picklable.
-        other: what this process will need anyway.
+    Otherwise two processes would fight over two cores.
     """
-    if not is_alone():
-        return work()
-    context = get_context("fork")
-    ours, theirs = context.Pipe(duplex=False)
-    copy = context.Process(target=_tell, args=(theirs, work), daemon=True)
-    copy.start()
-    theirs.close()
-    other()
-    with suppress(EOFError):  # it failed, could not send what it found, or was killed
-        found: T = ours.recv()
-        copy.join()
-        return found
-    return work()
-
-
-def _tell(theirs: Connection, work: Callable[[], object]) -> None:
-    signal(SIGINT, SIG_DFL)
-    with suppress(Exception):
-        theirs.send(work())
+    before = {name: os.environ.get(name) for name in THREAD_COUNTS}
+    os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
 
 
 def keep_memory() -> None:
@@ -116,28 +102,14 @@ def keep_memory() -> None:
     """
     library = ctypes.CDLL(None)
     if sys.platform == "linux" and hasattr(library, "mallopt"):
-        for option in (MMAP_THRESHOLD, TRIM_THRESHOLD):
-            library.mallopt(option, LARGE)
-
-
-@contextmanager
-def single_threads() -> Iterator[None]:
-    """Let processes started inside compute with one thread each, or two of them fight over two
-    cores.
-    """
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
+        library.mallopt(MMAP_THRESHOLD, LARGE)
+        library.mallopt(TRIM_THRESHOLD, LARGE)
 
 
 def _begin(first: Callable[[], object] | None) -> None:
-    """Die of an interrupt at once, and with the parent, even if it was killed: a pool's workers
-    would wait forever.
+    """Prepare a worker, which would otherwise outlive a parent that is killed, and wait for ever.
+
+    An interrupt ends it at once.
     """
     signal(SIGINT, SIG_DFL)
     Thread(target=_end_with_parent, daemon=True, name=WATCH).start()

@@ -1,3 +1,1 @@
-"""Engines, where many independent jobs are done: one module each, one interface
-(`runtime.engine.Engine`).
-"""
+"""Implementations of `runtime.engine.Engine`, one module each, and nothing else."""

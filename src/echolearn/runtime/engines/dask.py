@@ -1,8 +1,7 @@
-"""Jobs shared out by a Dask scheduler: among processes of this machine, or workers wherever they
-run.
+"""Jobs shared out by a Dask scheduler: among processes of this machine, or workers anywhere.
 
-    address or scheduler_file -> that scheduler, with its workers; neither -> a cluster of this
-    machine, for this run
+    address or scheduler_file -> that scheduler, with its workers
+    neither                   -> a cluster of this machine, for this run
 
 Dask gives the jobs of a worker that was killed to another one, and at most `AHEAD` jobs are with
 the scheduler at a time, so its memory does not grow with their number. A worker refuses jobs from
@@ -22,6 +21,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
+from importlib.util import find_spec
 from itertools import islice
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -55,10 +55,10 @@ class Dask:
     """Workers of a Dask scheduler.
 
     Attributes:
-        workers: processes of this machine, if neither an address nor a file is given.
-        address: of a running scheduler, tcp://host:port.
-        scheduler_file: written by `dask scheduler --scheduler-file`, instead of an address.
-        timeout: for an answer of the scheduler, in s.
+        workers: number of processes of this machine, if neither an address nor a file is given.
+        address: tcp://host:port of a running scheduler.
+        scheduler_file: path of what `dask scheduler --scheduler-file` writes, instead.
+        timeout: longest wait for an answer of the scheduler, in s.
     """
 
     workers: int = 2
@@ -69,98 +69,73 @@ class Dask:
     def __post_init__(self) -> None:
         check_whole("workers", self.workers, low=1, high=1024)
         check_number("engine.timeout", self.timeout, low=0.1, high=86400.0, unit="s")
-        both = self.address is not None and self.scheduler_file is not None
-        check(
-            not both,
-            "engine.address",
-            self.address,
-            allowed="an address or a scheduler_file, not both",
-        )
         if self.address is not None:
-            check_address("engine.address", self.address)
+            allowed = "must not be given together with a scheduler_file"
+            check(self.scheduler_file is None, "engine.address", self.address, allowed=allowed)
+            _check_address("engine.address", self.address)
 
     def __call__(self, work: Callable[[T], object], jobs: Sequence[T]) -> Generator[T, None, None]:
         """Do the jobs; see `Engine`."""
-        with installed("dask"), quiet(), self._client(len(jobs)) as client:
-            yield from share_out(client, work, jobs)
+        hint = "pip install 'echolearn[cluster]'"
+        check(
+            find_spec("distributed") is not None, "engine", "dask", allowed="needs Dask", hint=hint
+        )
+        with _quiet(), self._client(len(jobs)) as client:
+            yield from _share_out(client, work, jobs)
 
     def _client(self, jobs: int) -> AbstractContextManager["Client"]:
         if self.scheduler_file is not None:
-            return connected(
-                "engine.scheduler_file", address_in(Path(self.scheduler_file)), timeout=self.timeout
-            )
+            address = _address_in(Path(self.scheduler_file))
+            return _connected("engine.scheduler_file", address, timeout=self.timeout)
         if self.address is not None:
-            return connected("engine.address", self.address, timeout=self.timeout)
-        return started(min(self.workers, jobs))
+            return _connected("engine.address", self.address, timeout=self.timeout)
+        return _started(min(self.workers, jobs))
 
 
-def check_address(name: str, address: object) -> None:
-    """Raise `BadValue` unless `address` is that of a scheduler: scheme, host, port."""
+def _check_address(name: str, address: object) -> None:
+    """Raise `BadValue` unless this is the address of a scheduler: scheme, host, port."""
     form = re.fullmatch(r"(tcp|tls)://(\[[0-9a-fA-F:.%]+\]|[\w.-]+):\d{1,5}", str(address))
+    allowed = "must be an address, tcp://host:port, as the scheduler prints it"
     hint = "" if "://" in str(address) else "is tcp:// missing?"
-    check(
-        form is not None,
-        name,
-        address,
-        allowed="an address, tcp://host:port, as the scheduler prints it",
-        hint=hint,
-    )
+    check(form is not None, name, address, allowed=allowed, hint=hint)
 
 
-def address_in(path: Path) -> str:
+def _address_in(path: Path) -> str:
     """Return the address that a scheduler has written into its file."""
-    check(
-        path.is_file(),
-        "engine.scheduler_file",
-        path,
-        allowed="a file that dask scheduler --scheduler-file writes",
-    )
+    name = "engine.scheduler_file"
+    allowed = "must be a file that dask scheduler --scheduler-file writes"
+    check(path.is_file(), name, path, allowed=allowed)
     about = load_json(path)
     address = about.get("address") if isinstance(about, dict) else None
-    check_address("engine.scheduler_file", address)
+    _check_address(name, address)
     return str(address)
 
 
 @contextmanager
-def installed(name: str) -> Iterator[None]:
-    """Say what to install where Dask is missing."""
-    try:
-        import distributed  # noqa: F401
-    except ImportError as error:
-        raise BadValue(
-            f"engine={name}: needs {error.name}; pip install 'echolearn[cluster]'"
-        ) from None
-    yield
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
+def _quiet() -> Iterator[None]:
     """Let Dask log nothing in this process, and warn of nothing."""
-    loggers = [logging.getLogger(name) for name in LOGGERS]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
+    before = {name: logging.getLogger(name).level for name in LOGGERS}
+    for name in LOGGERS:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", module=r"distributed\.")
             yield
     finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
 
 
 @contextmanager
-def started(workers: int) -> Iterator["Client"]:
-    """Start a cluster on this machine for the time of a `with` block: it ends with this process,
-    however that ends.
-    """
+def _started(workers: int) -> Iterator["Client"]:
+    """Start a cluster on this machine, which ends with this process, however that ends."""
     from distributed import Client, LocalCluster
 
     with (
         TemporaryDirectory(prefix="echolearn-dask-", ignore_cleanup_errors=True) as scratch,
         single_threads(),
     ):
-        with interrupts_held():
+        with _interrupts_held():
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -174,14 +149,14 @@ def started(workers: int) -> Iterator["Client"]:
 
 
 @contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Hold back interrupts for the time of a `with` block, and for good from all threads and
-    processes begun in it.
+def _interrupts_held() -> Iterator[None]:
+    """Hold back interrupts, and for good from all threads and processes begun inside.
 
-    An interrupt reaches every process of a terminal: this one ends the others, which shall not
-        complain of it, too.
+    An interrupt reaches every process of a terminal. This one ends the others, which shall not
+    complain of it, too.
     """
-    resource_tracker.ensure_running()  # which would let them through again
+    # Started later, it would let interrupts through again.
+    resource_tracker.ensure_running()
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -190,11 +165,11 @@ def interrupts_held() -> Iterator[None]:
 
 
 @contextmanager
-def connected(name: str, address: str, *, timeout: float) -> Iterator["Client"]:
-    """Connect to a running scheduler for the time of a `with` block.
+def _connected(name: str, address: str, *, timeout: float) -> Iterator["Client"]:
+    """Connect to a running scheduler.
 
     Args:
-        name: of the key that gave the address, for errors.
+        name: key that gave the address, for errors.
         address: of the scheduler.
         timeout: for its answer, in s.
 
@@ -209,25 +184,21 @@ def connected(name: str, address: str, *, timeout: float) -> Iterator["Client"]:
             client = distributed.Client(address, timeout=timeout, set_as_default=False)
             found: Any = client.get_versions()
         except OSError as error:
-            allowed = f"a Dask scheduler that answers within {timeout:g} s"
-            raise BadValue(
-                f"{name}={address}: {allowed}; is it running, and is the port right?"
-            ) from error
+            allowed = f"must be a Dask scheduler that answers within {timeout:g} s"
+            hint = "is it running, and is the port right?"
+            raise BadValue(f"{name}={address}: {allowed}; {hint}") from error
+
         with client:
-            ours, theirs = distributed.__version__, found["scheduler"]["packages"]["distributed"]
-            check(
-                theirs == ours, name, address, allowed=f"distributed {ours} as here, not {theirs}"
-            )
-            if not examine(client):
-                print(
-                    f"{name}={address}: no workers yet, waiting for the first",
-                    file=sys.stderr,
-                    flush=True,
-                )
+            theirs = found["scheduler"]["packages"]["distributed"]
+            allowed = f"must have distributed {distributed.__version__} as here, not {theirs}"
+            check(theirs == distributed.__version__, name, address, allowed=allowed)
+            if not _count_workers(client):
+                waiting = "no workers yet, waiting for the first"
+                print(f"{name}={address}: {waiting}", file=sys.stderr, flush=True)
             yield client
 
 
-def examine(client: "Client") -> int:
+def _count_workers(client: "Client") -> int:
     """Return how many workers there are, all with the same echolearn as here.
 
     One that has none would die of the first job, and nobody would learn why. All else is told to
@@ -238,32 +209,30 @@ def examine(client: "Client") -> int:
     except ModuleNotFoundError as error:
         raise BadValue(f"engine: a worker has no echolearn; {INSTALL}") from error
     for version in found.values():
-        compare({"echolearn": version}, {"echolearn": echolearn.__version__})
+        _check_versions({"echolearn": version}, {"echolearn": echolearn.__version__})
     return len(found)
 
 
-def compare(found: dict[str, str], expected: dict[str, str]) -> None:
+def _check_versions(found: dict[str, str], expected: dict[str, str]) -> None:
     """Raise `BadValue` unless a worker has the expected versions."""
-    other = [
-        f"{name} {found[name]} instead of {value}"
-        for name, value in expected.items()
-        if found[name] != value
-    ]
-    if other:
-        raise BadValue(f"engine: a worker has {', '.join(other)}; {INSTALL}")
+    for name, version in expected.items():
+        if found[name] != version:
+            other = f"{name} {found[name]} instead of {version}"
+            raise BadValue(f"engine: a worker has {other}; {INSTALL}")
 
 
-def share_out(
+def _share_out(
     client: "Client", work: Callable[[T], object], jobs: Sequence[T]
 ) -> Generator[T, None, None]:
     """Let a scheduler's workers do the jobs; see `Engine`."""
     from distributed import KilledWorker, as_completed
 
-    rest, expected = iter(jobs), versions()
+    rest = iter(jobs)
+    expected = versions()
 
     def submit(count: int) -> dict[Any, T]:
         return {
-            client.submit(alone, work, expected, job, pure=False): job
+            client.submit(do_alone, work, expected, job, pure=False): job
             for job in islice(rest, count)
         }
 
@@ -272,15 +241,16 @@ def share_out(
     try:
         for done in finished:
             done.result()
+            # One comes for each that goes, so the scheduler never holds more.
             more = submit(1)
             begun |= more
             finished.update(more)
             yield begun.pop(done)
     except KilledWorker as error:
-        lost = f"a job was lost {error.allowed_failures + 1} times with its worker, last on {error.last_worker.address}"
-        raise BadValue(
-            f"engine: {lost}; is there memory for it? smaller plan.shard_rows need less; {AGAIN}"
-        ) from error
+        times = error.allowed_failures + 1
+        lost = f"a job was lost {times} times with its worker, last on {error.last_worker.address}"
+        hint = f"is there memory for it? smaller plan.shard_rows need less; {AGAIN}"
+        raise BadValue(f"engine: {lost}; {hint}") from error
     except CancelledError as error:
         raise BadValue(f"engine: the scheduler was lost, or cancelled the jobs; {AGAIN}") from error
     finally:
@@ -288,17 +258,21 @@ def share_out(
             client.cancel(list(begun))
 
 
-def alone(work: Callable[[T], object], expected: dict[str, str], job: T) -> None:
+def do_alone(work: Callable[[T], object], expected: dict[str, str], job: T) -> None:
     """Do one job in a worker, with one thread.
 
+    Args:
+        work: what to do.
+        expected: versions that the worker must have.
+        job: argument of `work`.
+
     Raises:
-        BadValue: the worker's versions are not the expected ones.
+        BadValue: the worker has other versions.
     """
-    compare(versions(), expected)
+    _check_versions(versions(), expected)
     threadpool_limits(1)
-    copy.deepcopy(work)(
-        job
-    )  # its arrays lie in what came from the network, at odd bytes, where sums round differently
+    # Arrays that came by the network lie at odd bytes, where sums round differently; copies do not.
+    copy.deepcopy(work)(job)
 
 
 @cache
