@@ -444,7 +444,10 @@ def stopped(
             "engine=dask engine.address=tcp://node1",
             "engine.address=tcp://node1: must be an address, tcp://host:port",
         ),
-        ("engine=dask engine.address=8786", "engine.address=8786: must be an address, tcp://host:port"),
+        (
+            "engine=dask engine.address=8786",
+            "engine.address=8786: must be an address, tcp://host:port",
+        ),
         (
             "engine=dask engine.scheduler_file=no",
             "engine.scheduler_file=no: must be a file that dask scheduler",
@@ -454,7 +457,10 @@ def stopped(
             "engine.address=tcp://a:1: must not be given together with a scheduler_file",
         ),
         ("engine=dask workers=0", "workers=0: must be a whole number from 1 to 1024"),
-        ("engine=dask engine.timeout=0", "engine.timeout=0 s: must be a number from 0.1 to 86400 s"),
+        (
+            "engine=dask engine.timeout=0",
+            "engine.timeout=0 s: must be a number from 0.1 to 86400 s",
+        ),
     ],
 )
 def test_a_mistake_is_one_line(words: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
