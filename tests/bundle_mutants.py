@@ -11,7 +11,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from echolearn.robot import bundle
+from echolearn.robot import bundle, schema
 from echolearn.storage import manifests
 from echolearn.storage.files import json_bytes, sha256
 
@@ -30,7 +30,7 @@ def seal(folder: Path, **changes: Any) -> None:
     if isinstance(about.get("files"), dict) and "files" not in changes:
         about["files"] = {
             name: {"bytes": (folder / name).stat().st_size, "sha256": sha256(folder / name)}
-            for name in bundle.LIMITS
+            for name in schema.LIMITS
             if (folder / name).is_file()
         }
     (folder / "bundle.json").write_bytes(json_bytes(manifests.with_checksum(about)))
@@ -253,7 +253,7 @@ BUNDLES |= {
     "files up": keys("files=['../../etc/passwd']", files={"../../etc/passwd": {"bytes": 1, "sha256": "0"}}),
     "files absolute": keys("files=['/etc/passwd']", files={"/etc/passwd": {"bytes": 1, "sha256": "0"}}),
     "files a list": keys("files=['model.onnx']", files=["model.onnx"]),
-    "files without sums": keys("damaged", files=dict.fromkeys(bundle.LIMITS)),
+    "files without sums": keys("damaged", files=dict.fromkeys(schema.LIMITS)),
     "threshold NaN": nested("threshold.value=nan", "threshold", value="nan"),
     "threshold 2": nested("threshold.value=2", "threshold", value=2),
     "threshold true": nested("threshold.value=True", "threshold", value=True),

@@ -30,7 +30,7 @@ def bare(change: Callable[[Path], object], *, sealed: bool = False) -> Mutate:
         (folder / "manifest.json").unlink()
         change(folder)
         if sealed:
-            manifests.finish(folder, {"kind": "survey"}, proof.used(reader.read(folder)))
+            manifests.finish(folder, {"kind": "survey"}, proof.used(reader.read_survey(folder)))
 
     return mutate
 

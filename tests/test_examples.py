@@ -13,7 +13,7 @@ import numpy as np
 
 from echolearn.cli.main import main
 from echolearn.robot.scorer import load
-from echolearn.robot.survey_map import draw
+from echolearn.robot.survey_map import map_survey
 from echolearn.survey import reader
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -77,7 +77,7 @@ def test_the_short_survey_is_what_its_command_makes(tmp_path: Path) -> None:
     command = json.loads((SHORT / "manifest.json").read_text())["command"]
     assert command in (EXAMPLES / "README.md").read_text()
     assert main([*shlex.split(command)[1:], f"runs={tmp_path}"]) == 0
-    kept, made = reader.read(SHORT), reader.read(tmp_path / "survey" / "short")
+    kept, made = reader.read_survey(SHORT), reader.read_survey(tmp_path / "survey" / "short")
     poses = range(len(kept.poses))
     assert np.allclose(made.observe(poses).samples, kept.observe(poses).samples, rtol=0, atol=1e-6)
     places = [[[*pose.position, pose.heading] for pose in walk.poses] for walk in (kept, made)]
@@ -88,6 +88,6 @@ def test_the_short_survey_is_what_its_command_makes(tmp_path: Path) -> None:
 def test_the_short_survey_is_mapped(packed: Path, tmp_path: Path) -> None:
     """Its recordings hold the nearest walls' echoes and little more, which is enough."""
     scores = json.loads(
-        (draw(survey=SHORT, bundle=packed, runs=tmp_path) / "manifest.json").read_text()
+        (map_survey(survey=SHORT, bundle=packed, runs=tmp_path) / "manifest.json").read_text()
     )["scores"]
     assert scores["precision"] >= 0.9 and scores["true_retention"] >= 0.9

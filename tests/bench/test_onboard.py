@@ -12,6 +12,7 @@ from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.survey import survey
 from echolearn.simulation.walk import trajectory
 from echolearn.survey import reader
+from echolearn.survey.poses import poses_csv
 from world import HALL, plans
 
 
@@ -33,12 +34,12 @@ def measured(bundle: Path, walk: Path, *, poses: int) -> dict[str, object]:
     """Return what a process says that has taken a walk of so many poses, all with the same
     recording."""
     names = ["observations/0000.wav"] * poses
-    (walk / "poses.csv").write_bytes(reader.poses_csv(trajectory(HALL, poses=poses), names))
+    (walk / "poses.csv").write_bytes(poses_csv(trajectory(HALL, poses=poses), names))
     code = (
         "import sys, json; from pathlib import Path; from echolearn.bench.onboard import measure; "
     )
     code += "print(json.dumps(measure(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:], laps=1)))"
-    words = [sys.executable, "-c", code, str(bundle), str(walk), "gated.Gated", "snls.Snls"]
+    words = [sys.executable, "-c", code, str(bundle), str(walk), "gated", "snls"]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     done = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
     found: dict[str, object] = json.loads(done.stdout)
@@ -47,9 +48,9 @@ def measured(bundle: Path, walk: Path, *, poses: int) -> dict[str, object]:
 
 def test_memory_does_not_grow_with_the_walk(packed: Path, walk: Path) -> None:
     """The recordings of the longer one together take some sixty megabytes."""
-    together = 200 * reader.read(walk).observe([0]).samples.nbytes
+    together = 200 * reader.read_survey(walk).observe([0]).samples.nbytes
     short, long = (measured(packed, walk, poses=poses) for poses in (4, 204))
     assert set(short) == {"laps", "memory"}
-    assert set(short["laps"]) == {"gated.Gated", "snls.Snls", "classifier"}  # type: ignore[call-overload]
+    assert set(short["laps"]) == {"gated", "snls", "classifier"}  # type: ignore[call-overload]
     assert together > 40e6
     assert abs(long["memory"] - short["memory"]) < together / 5  # type: ignore[operator]

@@ -26,6 +26,7 @@ from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.rotor import Rotor
 from echolearn.simulation.survey import survey
 from echolearn.survey import audio, reader
+from echolearn.survey.poses import poses_csv
 from world import HALL, POSES, World, plans
 
 SPEED = 343.0
@@ -41,7 +42,7 @@ def heard(world: World) -> Heard:
 def test_every_pose_has_its_echo_in_its_place(world: World, heard: Heard) -> None:
     """Recordings are heard in blocks; together they give the same."""
     gated = world.arguments["localizers"]["gated"]
-    walk = reader.read(world.runs / "survey" / "hall_0dB")
+    walk = reader.read_survey(world.runs / "survey" / "hall_0dB")
     observation = walk.observe(range(POSES))
     columns = features.describe(MatchedFilter(observation, gated.window), gated(observation))
     assert reader.BLOCK < POSES == len(heard.points)
@@ -66,16 +67,16 @@ def test_few_long_recordings_are_held_together(world: World, tmp_path: Path) -> 
     three are more."""
     long, source = 1 << 18, world.runs / "survey" / "hall_0dB"
     folder = shutil.copytree(source, tmp_path / "walk")
-    walk = reader.read(folder)
+    walk = reader.read_survey(folder)
     padded = np.pad(walk.probe.samples, (0, long - len(walk.probe.samples)))
     (folder / "probe.wav").write_bytes(audio.wav_bytes(padded, walk.probe.sample_rate))
     samples = np.random.default_rng(0).standard_normal((6, long))
     (folder / walk.files[0]).write_bytes(audio.wav_bytes(samples, walk.probe.sample_rate))
-    (folder / "poses.csv").write_bytes(reader.poses_csv(walk.poses[:5], walk.files[:1] * 5))
+    (folder / "poses.csv").write_bytes(poses_csv(walk.poses[:5], walk.files[:1] * 5))
     localizer = Counted()
     assert len(hear(folder, localizer, name="walk/snls", resamples=2).points) == 5
     assert localizer.given == [2, 2, 1]
-    assert reader.blocks(reader.read(source)) == [range(32), range(32, 36)]
+    assert reader.blocks(reader.read_survey(source)) == [range(32), range(32, 36)]
 
 
 @pytest.mark.parametrize(("walk", "spelled"), [("hall_0dB", "0"), ("hall_-10dB", "-10")])
@@ -87,7 +88,7 @@ def test_a_survey_in_white_noise_has_the_ratio_of_its_name(
 
 def test_points_lie_where_their_echoes_came_from(heard: Heard, world: World) -> None:
     """Its mirror image beyond the wall is as far from microphone 1 as the echo has come."""
-    walk = reader.read(world.runs / "survey" / "hall_0dB")
+    walk = reader.read_survey(world.runs / "survey" / "hall_0dB")
     for pose, place, point, toa, azimuth, elevation in zip(
         walk.poses,
         heard.poses,
@@ -203,7 +204,7 @@ def hovering(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_what_noise_alone_tells_goes_with_every_recording(hovering: Path, world: World) -> None:
-    walk = reader.read(hovering)
+    walk = reader.read_survey(hovering)
     alone = walk.noise()
     assert alone is not None
     heard = walk.observe([3])
@@ -215,7 +216,7 @@ def test_what_noise_alone_tells_goes_with_every_recording(hovering: Path, world:
         noise_psd(alone)[:, :200].mean(axis=1) / 2
     )  # below 5 kHz; of half the band, half the power
     assert np.allclose(slower.noise_psd[:, :400].mean(axis=1), low, rtol=0.1)
-    assert reader.read(world.runs / "survey" / "hall_0dB").observe([0]).noise_psd is None
+    assert reader.read_survey(world.runs / "survey" / "hall_0dB").observe([0]).noise_psd is None
 
 
 def test_under_rotors_a_localizer_that_whitens_hears_more_walls(hovering: Path) -> None:

@@ -21,7 +21,7 @@ from echolearn.bench.onboard import peak_memory
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
 from echolearn.robot import scorer
-from echolearn.robot.survey_map import draw
+from echolearn.robot.survey_map import map_survey
 from survey_mutants import SURVEYS
 
 Outcome = dict[str, object]
@@ -56,7 +56,7 @@ def everything(packed: Path, walk: Path, place: Path) -> dict[str, Outcome]:
     for name, (mutate, _) in SURVEYS.items():
         out = place / "survey" / "out"
         found[f"survey: {name}"] = attempt(
-            mutate, walk, place / "survey", lambda folder, out=out: draw(survey=folder, bundle=packed, runs=out)  # type: ignore[misc]
+            mutate, walk, place / "survey", lambda folder, out=out: map_survey(survey=folder, bundle=packed, runs=out)  # type: ignore[misc]
         )  # fmt: skip
     return found
 

@@ -20,13 +20,15 @@ from echolearn.checks import BadValue
 from echolearn.cli.main import main
 from echolearn.comparison.localized import localize_survey
 from echolearn.evaluation import metrics
-from echolearn.robot.survey_map import draw
+from echolearn.robot.survey_map import map_survey
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.rir.pyroom import Pyroom
 from echolearn.simulation.scene import Scene
 from echolearn.simulation.walk import trajectory
-from echolearn.survey import audio, metadata, reader
+from echolearn.survey import audio, reader
+from echolearn.survey.description import description_bytes
+from echolearn.survey.poses import poses_csv, read_poses
 from echolearn.training.runs import load_runs
 from world import HALL, POSES, World, coming_second, plans
 
@@ -58,7 +60,7 @@ def edit(folder: Path, **changes: object) -> None:
 def test_the_map_is_what_the_laboratory_hears(
     world: World, packed: Path, walk: Path, tmp_path: Path
 ) -> None:
-    folder = draw(survey=walk, bundle=packed, runs=tmp_path)
+    folder = map_survey(survey=walk, bundle=packed, runs=tmp_path)
     assert sorted(content(folder)) == FILES
     gated = world.arguments["localizers"]["gated"]
     heard = localize_survey(walk, gated, name="gated", resamples=9)
@@ -78,18 +80,18 @@ def test_the_map_is_what_the_laboratory_hears(
 def test_a_finished_map_is_shown_again_and_another_survey_makes_another(
     packed: Path, walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = draw(survey=walk, bundle=packed, runs=tmp_path)
+    folder = map_survey(survey=walk, bundle=packed, runs=tmp_path)
     before, said = content(folder), capsys.readouterr().out
     kept = {path.name: path.stat().st_ino for path in folder.iterdir()}
-    draw(survey=walk, bundle=packed, runs=tmp_path)
+    map_survey(survey=walk, bundle=packed, runs=tmp_path)
     assert capsys.readouterr().out == said and "  precision " in said
     assert {path.name: path.stat().st_ino for path in folder.iterdir()} == kept
     (folder / "map.ply").write_bytes(b"torn")
-    draw(survey=walk, bundle=packed, runs=tmp_path)
+    map_survey(survey=walk, bundle=packed, runs=tmp_path)
     assert content(folder) == before
-    assert content(draw(survey=walk, bundle=packed, runs=tmp_path / "again")) == before
+    assert content(map_survey(survey=walk, bundle=packed, runs=tmp_path / "again")) == before
     edit(walk, walls=None)
-    draw(survey=walk, bundle=packed, runs=tmp_path)
+    map_survey(survey=walk, bundle=packed, runs=tmp_path)
     assert "precision" not in capsys.readouterr().out.split("fitted")[-1]
     assert json.loads((folder / "manifest.json").read_text())["scores"] is None
 
@@ -100,32 +102,32 @@ def test_a_map_killed_at_its_first_file_is_made_again(
     left = tmp_path / "maps" / "walk-small" / ".map.csv.0123456789ab.tmp"
     left.parent.mkdir(parents=True)
     left.write_bytes(b"index")
-    assert sorted(content(draw(survey=walk, bundle=packed, runs=tmp_path))) == FILES
+    assert sorted(content(map_survey(survey=walk, bundle=packed, runs=tmp_path))) == FILES
 
 
 def test_of_two_maps_at_once_the_second_waits_and_replaces_the_first(
     world: World, packed: Path, walk: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """None is a mixture; that the map was another's is told, once, whoever asks."""
-    other = draw(
+    other = map_survey(
         survey=world.runs / "survey" / "hall_-10dB",
         bundle=packed,
         runs=tmp_path / "other",
         name="one",
     )
-    expected = content(draw(survey=walk, bundle=packed, runs=tmp_path / "same", name="one"))
+    expected = content(map_survey(survey=walk, bundle=packed, runs=tmp_path / "same", name="one"))
     folder, told = tmp_path / "maps" / "one", "replaces the map of another survey or bundle"
     assert told not in capfd.readouterr().err
 
     def work() -> Path:
-        return draw(survey=walk, bundle=packed, runs=tmp_path, name="one")
+        return map_survey(survey=walk, bundle=packed, runs=tmp_path, name="one")
 
     coming_second(
         work, folder, lambda: shutil.copytree(other, folder), lambda: capfd.readouterr().err
     )
     assert content(folder) == expected
     assert capfd.readouterr().err.splitlines() == [f"{folder}: {told}"]
-    draw(survey=walk, bundle=packed, runs=tmp_path, name="one", resolution=0.1)
+    map_survey(survey=walk, bundle=packed, runs=tmp_path, name="one", resolution=0.1)
     shutil.rmtree(folder)
     coming_second(
         work,
@@ -139,7 +141,7 @@ def test_of_two_maps_at_once_the_second_waits_and_replaces_the_first(
 def test_nothing_is_rewritten_before_it_is_known_that_all_can_be(
     packed: Path, walk: Path, tmp_path: Path
 ) -> None:
-    folder = draw(survey=walk, bundle=packed, runs=tmp_path, name="one")
+    folder = map_survey(survey=walk, bundle=packed, runs=tmp_path, name="one")
     before = content(folder)
     for name, put, said in (
         ("bag", lambda path: path.write_bytes(b""), "bag=a file: a folder, or none"),
@@ -152,7 +154,7 @@ def test_nothing_is_rewritten_before_it_is_known_that_all_can_be(
         put(folder / name)
         left = {path: path.read_bytes() for path in folder.iterdir() if path.is_file()}
         with pytest.raises(BadValue, match=said):
-            draw(
+            map_survey(
                 survey=walk,
                 bundle=packed,
                 runs=tmp_path,
@@ -162,14 +164,14 @@ def test_nothing_is_rewritten_before_it_is_known_that_all_can_be(
             )
         assert {path: path.read_bytes() for path in folder.iterdir() if path.is_file()} == left
         (folder / name).unlink() if name == "bag" else (folder / name).rmdir()
-    assert content(draw(survey=walk, bundle=packed, runs=tmp_path, name="one")) == before
+    assert content(map_survey(survey=walk, bundle=packed, runs=tmp_path, name="one")) == before
     (tmp_path / "maps" / "two").write_bytes(b"")
     with pytest.raises(
         BadValue, match="name=two: a new name, or that of a map; .* is something else"
     ):
-        draw(survey=walk, bundle=packed, runs=tmp_path, name="two")
+        map_survey(survey=walk, bundle=packed, runs=tmp_path, name="two")
     with pytest.raises(BadValue, match="cannot be written"):
-        draw(survey=walk, bundle=packed, runs=Path("/dev/null"), name="one")
+        map_survey(survey=walk, bundle=packed, runs=Path("/dev/null"), name="one")
 
 
 def test_a_direct_path_that_is_present_is_removed(
@@ -177,7 +179,7 @@ def test_a_direct_path_that_is_present_is_removed(
 ) -> None:
     """The same walk as microphones would record it: whatever gain, the loudspeaker's burst first,
     int16."""
-    survey = reader.read(walk)
+    survey = reader.read_survey(walk)
     scene = Scene(survey.array, survey.probe, Images(), None)  # type: ignore[arg-type]
     for name in survey.files:
         samples = 0.02 * (audio.read_wav(walk / name, 22050.0) + scene.direct)
@@ -185,11 +187,11 @@ def test_a_direct_path_that_is_present_is_removed(
         wavfile.write(walk / name, 22050, np.rint(samples.T * 32767).astype(np.int16))
     edit(walk, direct_path="present")
     removed = rows(
-        draw(
+        map_survey(
             survey=world.runs / "survey" / "hall_0dB", bundle=packed, runs=tmp_path, name="removed"
         )
     )
-    present = rows(draw(survey=walk, bundle=packed, runs=tmp_path, name="present"))
+    present = rows(map_survey(survey=walk, bundle=packed, runs=tmp_path, name="present"))
     places = [
         np.array([[float(row["x_m"]), float(row["y_m"])] for row in found])
         for found in (removed, present)
@@ -208,10 +210,10 @@ def test_the_way_to_remove_the_direct_path_is_chosen(
 ) -> None:
     """A loudspeaker of gain 0.5 that geometry's arrival fits: fitted and recorded agree, the free
     field is too loud."""
-    survey = reader.read(walk)
+    survey = reader.read_survey(walk)
     scene = Scene(survey.array, survey.probe, Images(), None)  # type: ignore[arg-type]
     with pytest.raises(BadValue, match="direct=fitted: null; .* has direct_path: removed"):
-        draw(survey=walk, bundle=packed, runs=tmp_path, direct="fitted")
+        map_survey(survey=walk, bundle=packed, runs=tmp_path, direct="fitted")
     for name in survey.files:
         samples = 0.5 * (audio.read_wav(walk / name, 22050.0) + scene.direct)
         (walk / name).write_bytes(audio.wav_bytes(samples, 22050.0))
@@ -221,20 +223,20 @@ def test_the_way_to_remove_the_direct_path_is_chosen(
         ("by hand", "calibration,"),
     ):
         with pytest.raises(BadValue, match=f"direct={way}: {message}"):
-            draw(survey=walk, bundle=packed, runs=tmp_path, direct=way)
+            map_survey(survey=walk, bundle=packed, runs=tmp_path, direct=way)
     made = {
-        "removed": draw(
+        "removed": map_survey(
             survey=world.runs / "survey" / "hall_0dB", bundle=packed, runs=tmp_path / "2"
         )
     }
-    made["fitted"] = draw(survey=walk, bundle=packed, runs=tmp_path / "0")
+    made["fitted"] = map_survey(survey=walk, bundle=packed, runs=tmp_path / "0")
     (walk / "calibration.wav").write_bytes(audio.wav_bytes(scene.direct, 22050.0))
     for way in ("calibration", "analytic", "fitted"):
         name = made.get(way, tmp_path).name
-        made[f"{way} again"] = draw(
+        made[f"{way} again"] = map_survey(
             survey=walk, bundle=packed, runs=tmp_path / way, direct=way, name=name
         )
-    made["first"] = draw(survey=walk, bundle=packed, runs=tmp_path / "1")
+    made["first"] = map_survey(survey=walk, bundle=packed, runs=tmp_path / "1")
     found = {
         way: [(row["x_m"], row["y_m"]) for row in rows(folder)] for way, folder in made.items()
     }
@@ -277,13 +279,13 @@ def test_another_simulator_at_another_rate_with_a_turned_array_is_mapped(
         wavfile.write(walk / name, rate, np.rint(samples.T * 32767).astype(np.int16))
     padded = np.pad(fine, (0, 12000 - len(fine)))
     (walk / "probe.wav").write_bytes(audio.wav_bytes(padded, rate))
-    (walk / "poses.csv").write_bytes(reader.poses_csv(poses, names))
-    about = reader.describe(array, probe, speed_of_sound=343.0, walls=outline(tower), conditions={})
+    (walk / "poses.csv").write_bytes(poses_csv(poses, names))
+    about = description_bytes(array, probe, speed_of_sound=343.0, walls=outline(tower), conditions={})
     (walk / "survey.yaml").write_bytes(about)
     edit(walk, direct_path="present")
     with pytest.raises(BadValue, match="resample with `echolearn map resample=true`"):
-        draw(survey=walk, bundle=packed, runs=tmp_path)
-    found = rows(draw(survey=walk, bundle=packed, runs=tmp_path, resample=True))
+        map_survey(survey=walk, bundle=packed, runs=tmp_path)
+    found = rows(map_survey(survey=walk, bundle=packed, runs=tmp_path, resample=True))
     points = np.array([[float(row["x_m"]), float(row["y_m"])] for row in found])
     kept = np.array([row["kept"] == "1" for row in found])
     true = distance_to_outline(points, outline(tower)) <= metrics.MAP_TOLERANCE
@@ -305,22 +307,22 @@ def test_what_is_wrong_with_a_recording_is_said_of_its_file(
     path = walk / "observations" / "0033.wav"
     wavfile.write(path, 22050, fault(wavfile.read(path)[1]).astype(np.float32))
     with pytest.raises(BadValue, match=said):
-        draw(survey=walk, bundle=packed, runs=tmp_path)
+        map_survey(survey=walk, bundle=packed, runs=tmp_path)
 
 
 def test_where_nothing_is_kept_there_is_advice(
     packed: Path, walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Noise has no echoes; of 36 poses with it one might be believed, of 4 none."""
-    draw(survey=walk, bundle=packed, runs=tmp_path)
+    map_survey(survey=walk, bundle=packed, runs=tmp_path)
     assert "no echo is believed" not in capsys.readouterr().out
     (walk / "poses.csv").write_text(
         "".join((walk / "poses.csv").read_text().splitlines(keepends=True)[:5])
     )
-    for seed, name in enumerate(reader.read(walk).files):
+    for seed, name in enumerate(reader.read_survey(walk).files):
         noise = np.random.default_rng(seed).standard_normal((6, 6000))
         (walk / name).write_bytes(audio.wav_bytes(noise, 22050.0))
-    folder = draw(survey=walk, bundle=packed, runs=tmp_path)
+    folder = map_survey(survey=walk, bundle=packed, runs=tmp_path)
     assert json.loads((folder / "manifest.json").read_text())["kept"] == 0
     first, second, *_ = capsys.readouterr().out.splitlines()
     assert first.startswith("4 poses, 0 echoes kept")
@@ -334,11 +336,11 @@ def test_a_rate_too_low_for_the_bundle_is_refused(
     resample: bool, packed: Path, walk: Path, tmp_path: Path
 ) -> None:
     edit(walk, sample_rate=16000.0)
-    for name in ("probe.wav", *metadata.read_poses(walk / "poses.csv")[2]):
+    for name in ("probe.wav", *read_poses(walk / "poses.csv")[2]):
         wavfile.write(walk / name, 16000, wavfile.read(walk / name)[1])
     said = "survey.yaml sample_rate=16000 Hz: at least 22050 Hz; the rate is too low: the bundle listens up to 11025 Hz"
     with pytest.raises(BadValue, match=said):
-        draw(survey=walk, bundle=packed, runs=tmp_path, resample=resample)
+        map_survey(survey=walk, bundle=packed, runs=tmp_path, resample=resample)
 
 
 def test_an_extent_too_large_for_the_grid_is_refused_with_nothing_written(
@@ -354,7 +356,7 @@ def test_an_extent_too_large_for_the_grid_is_refused_with_nothing_written(
         BadValue,
         match=r"^resolution=0.05 m: at most 16000000 cells; choose a larger one; are the pos",
     ):
-        draw(survey=walk, bundle=packed, runs=tmp_path / "out")
+        map_survey(survey=walk, bundle=packed, runs=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -365,7 +367,7 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(
 
     def refusal(**changes: object) -> str:
         with pytest.raises(BadValue) as refused:
-            draw(**{"survey": walk, "bundle": packed, "runs": out} | changes)  # type: ignore[arg-type]
+            map_survey(**{"survey": walk, "bundle": packed, "runs": out} | changes)  # type: ignore[arg-type]
         assert "\n" not in str(refused.value) and not out.exists()
         return str(refused.value)
 
@@ -386,12 +388,12 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(
     rate, samples = wavfile.read(walk / "probe.wav")
     wavfile.write(walk / "probe.wav", 44100, samples)
     edit(walk, sample_rate=44100.0)
-    for name in reader.read(walk).files:
+    for name in reader.read_survey(walk).files:
         wavfile.write(walk / name, 44100, wavfile.read(walk / name)[1])
     assert "bundle expects sample_rate=22050 Hz, survey has 44100 Hz; resample with" in refusal()
     edit(walk, sample_rate=22050.0, microphones=[[0.1, k / 100, 0.0] for k in range(6)])
     wavfile.write(walk / "probe.wav", rate, samples)
-    for name in reader.read(walk).files:
+    for name in reader.read_survey(walk).files:
         wavfile.write(walk / name, 22050, wavfile.read(walk / name)[1])
     assert "microphones=one is off by" in refusal()
 
@@ -407,7 +409,7 @@ def test_a_survey_from_a_stranger_stays_in_its_folder(
     text = (walk / "poses.csv").read_text().replace("observations/0003.wav", hostile)
     (walk / "poses.csv").write_text(text)
     with pytest.raises(BadValue, match="a path inside the survey's folder"):
-        draw(survey=walk, bundle=packed, runs=tmp_path / "out")
+        map_survey(survey=walk, bundle=packed, runs=tmp_path / "out")
 
 
 def test_the_command_maps_and_verifies(
@@ -470,7 +472,7 @@ sys.exit(main(sys.argv[1:]))
     done = run(*words)
     assert done.returncode == 0, done.stderr
     alone = content(tmp_path / "runs" / "maps" / "walk-small")
-    whole = content(draw(survey=walk, bundle=packed, runs=tmp_path / "whole"))
+    whole = content(map_survey(survey=walk, bundle=packed, runs=tmp_path / "whole"))
     assert {name: alone[name] for name in FILES[1:]} == {name: whole[name] for name in FILES[1:]}
     assert "no key bundel; did you mean bundle?" in run("map", "bundel=x").stderr
     assert (

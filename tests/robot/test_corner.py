@@ -131,9 +131,9 @@ def test_the_robot_hears_what_the_laboratory_hears(
     scorer = load(pack(replace(world, runs=runs), "trees_features", tmp_path))
     assert scorer.bundle.localizer.echoes == 2
     folder = world.runs / "survey" / "hall_0dB"
-    walk = reader.read(folder)
+    walk = reader.read_survey(folder)
     heard = localize_survey(folder, scorer.bundle.localizer, name="two", resamples=9)
-    found = scorer.listen(walk.observe(range(POSES)), walk.poses)
+    found = scorer.score(walk.observe(range(POSES)), walk.poses)
     assert found.map.points.shape == (2 * POSES, 2) and found.echoes.toa.shape == (POSES, 2)
     assert np.abs(found.map.points - heard.points).max() <= 1e-5
     assert np.abs(found.map.confidence - run.confidence(heard.columns)).max() <= 1e-5

@@ -31,7 +31,7 @@ def scorer(packed: Path) -> Scorer:
 
 @pytest.fixture(scope="module")
 def walk(world: World) -> reader.Survey:
-    return reader.read(world.runs / "survey" / WALK)
+    return reader.read_survey(world.runs / "survey" / WALK)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_confidences_are_the_runs(scorer: Scorer, run: Run, world: World) -> Non
 def test_points_and_confidences_are_the_laboratorys(
     scorer: Scorer, run: Run, heard: LocalizedSurvey, walk: reader.Survey, observation: Observation
 ) -> None:
-    found = scorer.listen(observation, walk.poses)
+    found = scorer.score(observation, walk.poses)
     assert np.abs(found.map.points - heard.points).max() <= 1e-5
     assert np.abs(found.map.confidence - run.confidence(heard.columns)).max() <= 1e-5
     assert np.array_equal(found.map.kept, run.confidence(heard.columns) >= run.threshold)
@@ -81,7 +81,7 @@ def test_points_and_confidences_are_the_laboratorys(
 def test_pose_by_pose_the_same_points_come_out(
     scorer: Scorer, walk: reader.Survey, observation: Observation
 ) -> None:
-    whole = scorer.listen(observation, walk.poses).map
+    whole = scorer.score(observation, walk.poses).map
     steps = [scorer.update(alone(observation, pose), walk.poses[pose]) for pose in range(POSES)]
     kept = whole.kept
     assert np.allclose(
@@ -99,9 +99,9 @@ def test_a_gain_of_the_recording_and_a_louder_copy_of_the_probe_change_nothing(
 ) -> None:
     louder = replace(observation.probe, samples=observation.probe.samples * 0.25)
     scorer.check(replace(observation, probe=louder))
-    found = scorer.listen(replace(observation, samples=3.0 * observation.samples), walk.poses)
+    found = scorer.score(replace(observation, samples=3.0 * observation.samples), walk.poses)
     assert np.allclose(
-        found.map.confidence, scorer.listen(observation, walk.poses).map.confidence, atol=1e-4
+        found.map.confidence, scorer.score(observation, walk.poses).map.confidence, atol=1e-4
     )
 
 
@@ -132,7 +132,7 @@ def test_silence_is_refused_as_in_a_survey(
         BadValue,
         match=r"^observation.samples=silence in \[3\]: recordings; was the recorder running",
     ):
-        scorer.listen(replace(observation, samples=samples), walk.poses)
+        scorer.score(replace(observation, samples=samples), walk.poses)
     with pytest.raises(BadValue, match=r"^observation.samples=silence in \[0\]"):
         scorer.update(replace(observation, samples=samples[3].astype(np.int16)), walk.poses[3])
 
@@ -159,7 +159,7 @@ def test_recordings_of_another_robot_are_refused(
     }
     for said, changes in cases.items():
         with pytest.raises(BadValue, match=said):
-            scorer.listen(replace(observation, **changes), walk.poses)
+            scorer.score(replace(observation, **changes), walk.poses)
 
 
 def test_an_array_mounted_at_an_angle_hears_the_same_walls(
@@ -172,10 +172,10 @@ def test_an_array_mounted_at_an_angle_hears_the_same_walls(
         [[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
     )
     turned = replace(observation, array=MicArray(observation.array.positions @ rotation))
-    found = scorer.listen(
+    found = scorer.score(
         turned, [replace(pose, heading=pose.heading - turn) for pose in walk.poses]
     )
-    straight = scorer.listen(observation, walk.poses)
+    straight = scorer.score(observation, walk.poses)
     assert np.allclose(found.map.points, straight.map.points) and np.allclose(
         found.map.confidence, straight.map.confidence
     )
@@ -217,7 +217,7 @@ def test_tensors_travel_too(
     [folder] = (runs / "train").iterdir()
     scorer = load(pack(world, "svm_pair", tmp_path, run=folder, name="tensors"))
     assert scorer.bundle.shape == (16, 36)
-    confidence = scorer.listen(observation, walk.poses).map.confidence
+    confidence = scorer.score(observation, walk.poses).map.confidence
     assert np.isfinite(confidence).all() and np.ptp(confidence) > 0
 
 
@@ -225,7 +225,7 @@ def test_a_process_with_three_libraries_is_enough(
     packed: Path, world: World, tmp_path: Path
 ) -> None:
     """Everything else that is installed is hidden from it."""
-    walk = reader.read(world.runs / "survey" / WALK)
+    walk = reader.read_survey(world.runs / "survey" / WALK)
     observation = walk.observe([0])
     arrays = {
         "samples": observation.samples[0],
@@ -254,11 +254,11 @@ scorer = load({str(packed)!r})
 probe = Probe(given["probe"], 22050.0, 6000)
 observation = Observation(given["samples"], probe, MicArray(given["microphones"]))
 pose = Pose(given["position"], float(given["heading"]))
-found = scorer.listen(Observation(given["samples"][None], probe, observation.array), [pose])
+found = scorer.score(Observation(given["samples"][None], probe, observation.array), [pose])
 print(found.map.points[0, 0], found.map.confidence[0])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    expected = load(packed).listen(observation, walk.poses[:1]).map
+    expected = load(packed).score(observation, walk.poses[:1]).map
     assert np.allclose(
         [float(word) for word in done.stdout.split()],
         [expected.points[0, 0], expected.confidence[0]],

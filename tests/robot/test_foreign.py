@@ -17,7 +17,7 @@ from scipy.signal import fftconvolve
 
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.checks import BadValue
-from echolearn.robot.survey_map import draw
+from echolearn.robot.survey_map import map_survey
 from echolearn.simulation.walk import trajectory
 from world import plans
 
@@ -121,8 +121,8 @@ def test_another_simulators_survey_is_mapped(packed: Path, tmp_path: Path) -> No
     wall."""
     record(tmp_path / "walk", trajectory(Room(ROOM, T60), poses=60)[:24:2], snr_db=10.0)
     with pytest.raises(BadValue, match="resample with `echolearn map resample=true`"):
-        draw(survey=tmp_path / "walk", bundle=packed, runs=tmp_path)
-    made = draw(survey=tmp_path / "walk", bundle=packed, runs=tmp_path, resample=True)
+        map_survey(survey=tmp_path / "walk", bundle=packed, runs=tmp_path)
+    made = map_survey(survey=tmp_path / "walk", bundle=packed, runs=tmp_path, resample=True)
     off = kept(made)
     assert [int(row["index"]) for row in rows(made)] == NAMES[:12].tolist()
     assert len(off) >= 9

@@ -68,7 +68,7 @@ def copied(folder: Path, runs: Path) -> Path:
 
 
 def test_a_survey_reads_back_as_it_was_walked(finished: Path, brief: Scene) -> None:
-    read, poses = reader.read(finished), trajectory(ROOM, poses=4, start=0.6)
+    read, poses = reader.read_survey(finished), trajectory(ROOM, poses=4, start=0.6)
     assert finished.name == "few"
     assert np.array_equal(read.probe.samples, brief.probe.samples)
     assert read.probe.length == brief.probe.length
@@ -83,7 +83,7 @@ def test_a_survey_reads_back_as_it_was_walked(finished: Path, brief: Scene) -> N
 def test_every_recording_is_that_of_its_pose(finished: Path, brief: Scene) -> None:
     """Pose p draws its noise from `SeedSequence(seed, spawn_key=(p,))`, whatever the other poses
     did."""
-    read = reader.read(finished)
+    read = reader.read_survey(finished)
     heard = read.observe([0, 3])
     for row, index in enumerate((0, 3)):
         rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(index,)))
@@ -249,7 +249,7 @@ def test_recordings_are_the_mean_of_several_pings_and_the_conditions_say_so(
     walk: Walk, finished: Path, brief: Scene, tmp_path: Path
 ) -> None:
     folder = walk(tmp_path, pings=16, poses=2, noise_seconds=1.0)
-    read, single = reader.read(folder), reader.read(finished)
+    read, single = reader.read_survey(folder), reader.read_survey(finished)
     assert (read.conditions["pings"], read.conditions["snr_db"]) == (16, 5.0)
     assert "pings" not in single.conditions
     heard = read.observe([0]).samples[0]
@@ -279,18 +279,18 @@ def hovered(walk: Walk, brief: Scene, tmp_path_factory: pytest.TempPathFactory) 
 def test_noise_that_is_not_white_is_recorded_alone_too(
     hovered: Path, finished: Path, brief: Scene
 ) -> None:
-    read = reader.read(hovered)
+    read = reader.read_survey(hovered)
     noise = read.noise()
     assert noise is not None
     assert noise.shape == (6, 5 * 22050)
     assert set(manifests.verify(hovered)["files"]) == set(contents(hovered)) - {manifests.MANIFEST}
     power = np.mean(brief.received(ROOM, read.poses[0])[0] ** 2)
     assert np.mean(noise[0] ** 2) == pytest.approx(power * (10 + 1e-4), rel=0.001)
-    assert reader.read(finished).noise() is None
+    assert reader.read_survey(finished).noise() is None
 
 
 def test_conditions_tell_both_levels_and_both_noises(hovered: Path) -> None:
-    known = reader.read(hovered).conditions
+    known = reader.read_survey(hovered).conditions
     assert (known["snr_db"], known["sdnr_db"], known["noise"]) == (40.0, -10.0, "white+rotor")
     heard = localize_survey(hovered, Gated(), name="gated", resamples=2)
     assert (heard.labelled.joint_snr_db == -10.0).all()
@@ -301,7 +301,7 @@ def test_rotors_alone_may_be_heard(walk: Walk, brief: Scene, tmp_path: Path) -> 
     folder = walk(
         tmp_path, scene=replace(brief, diffuse=Diffuse(Rotor())), snr_db=None, sdnr_db=3.0, poses=2
     )
-    known = reader.read(folder).conditions
+    known = reader.read_survey(folder).conditions
     assert "snr_db" not in known
     assert known["noise"] == "rotor"
 
@@ -310,11 +310,11 @@ def test_white_noise_is_recorded_alone_where_it_is_asked_for(
     walk: Walk, finished: Path, tmp_path: Path
 ) -> None:
     folder = walk(tmp_path, noise_seconds=1.0)
-    noise = reader.read(folder).noise()
+    noise = reader.read_survey(folder).noise()
     assert noise is not None
     assert noise.shape == (6, 22050)
-    first = reader.read(folder).observe([0]).samples[0]
-    assert np.array_equal(first, reader.read(finished).observe([0]).samples[0])
+    first = reader.read_survey(folder).observe([0]).samples[0]
+    assert np.array_equal(first, reader.read_survey(finished).observe([0]).samples[0])
     again = walk(tmp_path / "again", noise_seconds=1.0)
     assert contents(again) == contents(folder)
     with pytest.raises(BadValue, match=r"^name=few: .* was made with others$"):

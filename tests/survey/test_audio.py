@@ -29,7 +29,7 @@ def flac(tmp_path: Path) -> Path:
 def refusal(path: Path, shape: tuple[int, int] = SHAPE) -> str:
     """Return the one line with which a file is refused."""
     with pytest.raises(BadValue) as refused:
-        audio.read(path, 22050.0, shape=shape)
+        audio.read_recording(path, 22050.0, shape=shape)
     assert str(refused.value).isprintable() and str(refused.value).startswith(str(path))
     return str(refused.value).removeprefix(str(path))
 
@@ -57,7 +57,7 @@ def test_24_bits_are_read_where_soundfile_is_not_installed(
     data = (tmp_path / "a.wav").read_bytes()[-3 * SAMPLES.size :]
     whole = [int.from_bytes(data[k : k + 3], "little", signed=True) for k in range(0, len(data), 3)]
     monkeypatch.setitem(sys.modules, "soundfile", None)
-    read = audio.read(tmp_path / "a.wav", 22050.0, shape=SHAPE)
+    read = audio.read_recording(tmp_path / "a.wav", 22050.0, shape=SHAPE)
     assert np.array_equal(read.T.reshape(-1), np.array(whole) / 2**23)
     assert np.abs(read - SAMPLES).max() <= 2**-23
 
@@ -111,14 +111,14 @@ def test_flac_is_the_same_as_wav(tmp_path: Path, width: int) -> None:
     )  # of as many bits as the file has
     for name in ("a.wav", "a.FLAC"):
         soundfile.write(tmp_path / name, whole, 22050, subtype=f"PCM_{width}")
-    wav, held = (audio.read(tmp_path / name, 22050.0, shape=SHAPE) for name in ("a.wav", "a.FLAC"))
+    wav, held = (audio.read_recording(tmp_path / name, 22050.0, shape=SHAPE) for name in ("a.wav", "a.FLAC"))
     assert held.dtype == np.float64 and held.flags.c_contiguous
     assert np.array_equal(wav, held) and np.abs(held - SAMPLES).max() <= 2.0 ** (1 - width)
 
 
 def test_flac_of_one_microphone_has_two_axes(tmp_path: Path) -> None:
     soundfile.write(tmp_path / "a.flac", SAMPLES[0], 22050)
-    assert audio.read(tmp_path / "a.flac", 22050.0, shape=(1, 400)).shape == (1, 400)
+    assert audio.read_recording(tmp_path / "a.flac", 22050.0, shape=(1, 400)).shape == (1, 400)
 
 
 @pytest.mark.parametrize("broken", [None, OSError("sndfile library not found")])
@@ -142,14 +142,14 @@ def test_without_soundfile_one_line_tells_what_to_install(
 def test_every_damage_is_an_error_or_harmless(flac: Path) -> None:
     """FLAC has checksums: whatever bit is flipped, the samples are never others. Wherever it ends,
     it is refused."""
-    data, whole = flac.read_bytes(), audio.read(flac, 22050.0, shape=SHAPE)
+    data, whole = flac.read_bytes(), audio.read_recording(flac, 22050.0, shape=SHAPE)
     said = 0
     for place in range(0, 8 * len(data), 41):
         torn = bytearray(data)
         torn[place // 8] ^= 1 << place % 8
         flac.write_bytes(bytes(torn))
         try:
-            assert np.array_equal(audio.read(flac, 22050.0, shape=SHAPE), whole)
+            assert np.array_equal(audio.read_recording(flac, 22050.0, shape=SHAPE), whole)
         except BadValue as refused:
             assert str(refused).isprintable()
             said += 1

@@ -18,6 +18,8 @@ from echolearn.storage import manifests
 from echolearn.storage.files import load_json, save_json
 from echolearn.storage.identity import plain
 from echolearn.survey import audio, proof, reader
+from echolearn.survey.description import description_bytes
+from echolearn.survey.poses import poses_csv
 
 ROOM = Room((5.0, 4.5, 3.0), 0.2)
 PROBE, ARRAY = noise_probe(burst=100, length=400), circular_array(microphones=3)
@@ -28,10 +30,10 @@ def folder(tmp_path: Path) -> Path:
     """Return a survey of two poses, as a robot leaves it."""
     poses, files = [Pose(np.array([1.0, y, 1.5])) for y in (1.0, 2.0)], ["a.wav", "b.wav"]
     (tmp_path / "survey.yaml").write_bytes(
-        reader.describe(ARRAY, PROBE, speed_of_sound=343.0, walls=outline(ROOM), conditions={})
+        description_bytes(ARRAY, PROBE, speed_of_sound=343.0, walls=outline(ROOM), conditions={})
     )
     (tmp_path / "probe.wav").write_bytes(audio.wav_bytes(np.pad(PROBE.samples, (0, 300)), 22050.0))
-    (tmp_path / "poses.csv").write_bytes(reader.poses_csv(poses, files))
+    (tmp_path / "poses.csv").write_bytes(poses_csv(poses, files))
     for seed, name in enumerate(files):
         samples = np.random.default_rng(seed).standard_normal((3, 400))
         (tmp_path / name).write_bytes(audio.wav_bytes(samples, 22050.0))
@@ -46,8 +48,8 @@ def test_what_a_long_walk_is_made_from_is_not_too_large(brief: Scene, tmp_path: 
     most = 20_000
     walk = trajectory(ROOM, poses=most, start=0.6)
     files = [f"observations/{index:04d}.wav" for index in range(most)]
-    (few / "poses.csv").write_bytes(reader.poses_csv(walk, files))
-    assert (few / "poses.csv").stat().st_size < reader.LIMITS["poses.csv"]
+    (few / "poses.csv").write_bytes(poses_csv(walk, files))
+    assert (few / "poses.csv").stat().st_size < proof.LIMITS["poses.csv"]
     about = load_json(few / "simulated.json")
     about["made_from"]["walk"] = plain(walk)
     save_json(few / "simulated.json", about)
@@ -55,7 +57,7 @@ def test_what_a_long_walk_is_made_from_is_not_too_large(brief: Scene, tmp_path: 
         (few / name).hardlink_to(few / files[1])
     names = ["survey.yaml", "probe.wav", "poses.csv", "simulated.json", *files]
     manifests.finish(few, about, names, largest=manifests.FOREIGN)
-    read, proved = proof.read(few)
+    read, proved = proof.read_proved(few)
     assert (len(read.poses), proved) == (most, most + 4)
 
 
@@ -77,10 +79,10 @@ def test_a_survey_that_would_not_be_read_is_not_begun(brief: Scene, tmp_path: Pa
 
 def test_what_is_sealed_is_whole(folder: Path) -> None:
     assert (
-        proof.verify(folder) == "readable, 2 recordings; there is no manifest.json to prove them by"
+        proof.verify_survey(folder) == "readable, 2 recordings; there is no manifest.json to prove them by"
     )
     assert proof.seal(folder) == 5
-    assert proof.verify(folder) == "whole, 5 files; readable, 2 recordings"
+    assert proof.verify_survey(folder) == "whole, 5 files; readable, 2 recordings"
     with pytest.raises(BadValue, match="one without manifest.json"):
         proof.seal(folder)
 
@@ -107,7 +109,7 @@ def named_otherwise(folder: Path) -> None:
     for name in ("a.wav", "b.raw"):
         (folder / name).write_bytes(audio.wav_bytes(samples, 22050.0))
     (folder / "poses.csv").write_text((folder / "poses.csv").read_text().replace("b.wav", "b.raw"))
-    assert "readable" in proof.verify(folder)
+    assert "readable" in proof.verify_survey(folder)
 
 
 @pytest.mark.parametrize(

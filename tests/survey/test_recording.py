@@ -21,6 +21,8 @@ from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.checks import BadValue
 from echolearn.survey import audio, reader
+from echolearn.survey.description import description_bytes
+from echolearn.survey.poses import poses_csv
 from echolearn.survey.direct_path import delayed
 
 PROBE = noise_probe(burst=100, length=400)
@@ -36,12 +38,12 @@ def folder(tmp_path: Path) -> Path:
     """Write a small survey by hand."""
     (tmp_path / "observations").mkdir()
     conditions = {"snr_db": 3.0, "noise": "white"}
-    about = reader.describe(
+    about = description_bytes(
         ARRAY, PROBE, speed_of_sound=340.0, walls=outline(ROOM), conditions=conditions
     )
     (tmp_path / "survey.yaml").write_bytes(about)
     (tmp_path / "probe.wav").write_bytes(audio.wav_bytes(np.pad(PROBE.samples, (0, 300)), 22050.0))
-    (tmp_path / "poses.csv").write_bytes(reader.poses_csv(POSES, FILES))
+    (tmp_path / "poses.csv").write_bytes(poses_csv(POSES, FILES))
     for name, samples in zip(FILES, SAMPLES, strict=True):
         (tmp_path / name).write_bytes(audio.wav_bytes(samples, 22050.0))
     return tmp_path
@@ -56,7 +58,7 @@ def edit(folder: Path, **changes: Any) -> None:
 def refusal(folder: Path) -> str:
     """Return the one line with which the survey is refused."""
     with pytest.raises(BadValue) as refused:
-        reader.read(folder).observe([0, 1])
+        reader.read_survey(folder).observe([0, 1])
     assert "\n" not in str(refused.value)
     return str(refused.value)
 
@@ -65,7 +67,7 @@ def refusal(folder: Path) -> str:
 
 
 def test_what_is_written_is_read_back(folder: Path) -> None:
-    survey = reader.read(folder)
+    survey = reader.read_survey(folder)
     assert np.array_equal(survey.probe.samples, PROBE.samples)
     assert (survey.probe.sample_rate, survey.probe.length) == (22050.0, 400)
     assert np.array_equal(survey.array.positions, ARRAY.positions)
@@ -87,7 +89,7 @@ def test_poses_are_called_what_the_table_calls_them(folder: Path) -> None:
     """As nanoseconds since 1970, not in order."""
     text = HEAD + f"{2**60},1,2,1.5,0,{FILES[1]}\n7,1,2,1.5,0,{FILES[0]}\n"
     (folder / "poses.csv").write_text(text)
-    survey = reader.read(folder)
+    survey = reader.read_survey(folder)
     assert survey.numbers == (2**60, 7)
     assert np.array_equal(survey.observe([1]).samples[0], SAMPLES[0])
 
@@ -98,14 +100,14 @@ def test_recordings_may_be_flac(folder: Path) -> None:
     soundfile.write(folder / "observations" / "1.flac", quiet[1].T, 22050, subtype="PCM_24")
     path = folder / "poses.csv"
     path.write_text(path.read_text().replace("1.wav", "1.flac"))
-    heard = reader.read(folder).observe([0, 1]).samples
+    heard = reader.read_survey(folder).observe([0, 1]).samples
     assert np.array_equal(heard[0], SAMPLES[0])
     assert np.abs(heard[1] - quiet[1]).max() <= 2**-23
 
 
 def test_walls_and_conditions_may_be_left_out(folder: Path) -> None:
     edit(folder, walls=None, conditions=None)
-    survey = reader.read(folder)
+    survey = reader.read_survey(folder)
     assert survey.walls is None
     assert survey.conditions == {}
 
@@ -113,13 +115,13 @@ def test_walls_and_conditions_may_be_left_out(folder: Path) -> None:
 def test_levels_that_are_not_known_may_be_null(folder: Path) -> None:
     known = {"snr_db": None, "sdnr_db": -3, "pings": 4, "weather": "rain"}
     edit(folder, conditions=known)
-    assert reader.read(folder).conditions == known
+    assert reader.read_survey(folder).conditions == known
 
 
 def test_a_loudspeaker_elsewhere_moves_the_microphones(folder: Path) -> None:
     """An array is told relative to its loudspeaker."""
     edit(folder, loudspeaker=[0.1, -0.2, 0.3])
-    assert np.allclose(reader.read(folder).array.positions, ARRAY.positions - [0.1, -0.2, 0.3])
+    assert np.allclose(reader.read_survey(folder).array.positions, ARRAY.positions - [0.1, -0.2, 0.3])
 
 
 # ---------------------------------------------------------------- recordings
@@ -179,16 +181,16 @@ def test_a_damaged_header_is_an_error_or_a_recording(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", wavfile.WavFileWarning)
         try:
-            assert reader.read(folder).observe([0]).samples.shape == (1, 3, 400)
+            assert reader.read_survey(folder).observe([0]).samples.shape == (1, 3, 400)
         except BadValue as refused:
             assert "\n" not in str(refused)
 
 
 def test_noise_alone_may_be_longer_than_a_recording_and_may_be_absent(folder: Path) -> None:
-    assert reader.read(folder).noise() is None
+    assert reader.read_survey(folder).noise() is None
     noise = np.random.default_rng(1).standard_normal((3, 1000)).astype(np.float32)
     (folder / "noise.wav").write_bytes(audio.wav_bytes(noise, 22050.0))
-    assert np.array_equal(reader.read(folder).noise(), noise)
+    assert np.array_equal(reader.read_survey(folder).noise(), noise)
 
 
 @pytest.mark.parametrize(
@@ -209,7 +211,7 @@ def test_noise_that_does_not_fit_is_refused(
 ) -> None:
     (folder / "noise.wav").write_bytes(audio.wav_bytes(samples, rate))
     with pytest.raises(BadValue) as refused:
-        reader.read(folder).noise()
+        reader.read_survey(folder).noise()
     assert str(refused.value).endswith(message)
 
 
@@ -233,10 +235,10 @@ def test_a_direct_path_that_was_recorded_is_removed_whatever_the_loudspeaker(
     for name, samples in zip(FILES, SAMPLES, strict=True):
         (folder / name).write_bytes(audio.wav_bytes(gains * path + 1e-3 * samples, 22050.0))
     edit(folder, direct_path="present")
-    fitted = reader.read(folder).observe([0, 1]).samples
+    fitted = reader.read_survey(folder).observe([0, 1]).samples
     alone = np.pad(0.25 * path, ((0, 0), (0, 500)))[:, :length]
     (folder / "calibration.wav").write_bytes(audio.wav_bytes(alone, 22050.0))
-    left = reader.read(folder).observe([0, 1]).samples
+    left = reader.read_survey(folder).observe([0, 1]).samples
     assert np.mean((left - 1e-3 * SAMPLES) ** 2) < 0.01 * np.mean((1e-3 * SAMPLES) ** 2)
     assert np.mean(fitted**2) > 1e4 * np.mean(left**2)
 
@@ -479,14 +481,14 @@ def test_spreadsheets_may_begin_with_a_mark_and_set_blanks(folder: Path) -> None
         f"\ufeffindex, x_m , y_m, z_m, heading_rad, file\r\n7, 1.0, 2, 1.5, -3e-1, {FILES[0]},\r\n"
     )
     (folder / "poses.csv").write_text(text, encoding="utf-8", newline="")
-    survey = reader.read(folder)
+    survey = reader.read_survey(folder)
     assert (survey.numbers, survey.files, survey.poses[0].heading) == ((7,), (FILES[0],), -0.3)
     assert survey.poses[0].position.tolist() == [1.0, 2.0, 1.5]
 
 
 def test_headings_and_positions_are_written_to_the_last_digit() -> None:
     line = (
-        reader.poses_csv([Pose(np.array([1 / 3, 0.1 + 0.2, 1e-9]), np.pi)], ["a.wav"])
+        poses_csv([Pose(np.array([1 / 3, 0.1 + 0.2, 1e-9]), np.pi)], ["a.wav"])
         .decode()
         .splitlines()[1]
     )

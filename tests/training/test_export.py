@@ -15,7 +15,7 @@ from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.signals import noise_probe
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
-from echolearn.robot import bundle
+from echolearn.robot import bundle, schema
 from echolearn.storage import manifests
 from echolearn.training.runs import Run
 from world import World, coming_second, pack, plans
@@ -72,7 +72,7 @@ def test_figures_are_those_of_the_runs_test_rows_with_intervals_around_them(
 def test_golden_inputs_span_the_confidences_and_end_with_extremes(
     world: World, packed: Path
 ) -> None:
-    x, confidence = bundle.read(packed).golden
+    x, confidence = bundle.read_bundle(packed).golden
     assert x.shape == (32, 4) and np.array_equal(
         confidence, run_of(world, "trees_features").answer(x)
     )
@@ -108,7 +108,7 @@ def test_a_finished_bundle_is_left_alone_and_a_damaged_one_mended(
 def test_every_kind_of_classifier_travels(classifier: str, world: World, tmp_path: Path) -> None:
     folder = pack(world, classifier, tmp_path, name=None)
     assert folder.name == run_of(world, classifier).identity
-    assert bundle.read(folder).inputs == run_of(world, classifier).inputs
+    assert bundle.read_bundle(folder).inputs == run_of(world, classifier).inputs
 
 
 def test_the_best_is_the_learned_classifier_with_the_best_validation(
@@ -127,7 +127,7 @@ def test_the_best_is_the_learned_classifier_with_the_best_validation(
     }
     best = max(sorted(learned), key=lambda name: learned[name])
     folder = pack(world, "-", tmp_path, run=None, best=compared)
-    about = bundle.read(folder).about
+    about = bundle.read_bundle(folder).about
     assert about["run"] == max(scores[best])[2]
     maps = {(row["tested_on"], row["metric"]) for row in about["metrics"]["maps"]}
     assert ("hall_0dB/gated", "precision") in maps and len(maps) == 12
@@ -194,7 +194,7 @@ def test_of_two_exports_at_once_the_second_is_refused(
 def test_a_bundle_that_does_not_load_is_not_finished(
     world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(bundle.LIMITS, "model.onnx", 100)
+    monkeypatch.setitem(schema.LIMITS, "model.onnx", 100)
     with pytest.raises(BadValue, match="at most 100 bytes"):
         pack(world, "svm_pair", tmp_path)
     assert not (tmp_path / "bundles" / "small" / "bundle.json").exists()

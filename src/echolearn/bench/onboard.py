@@ -1,6 +1,6 @@
 """How a bundle does on this machine: seconds per recording and per echo, and memory at its peak.
 
-    python -m echolearn.bench.onboard runs/bundles/best runs/survey/8x6x5_0dB [joint.Joint ...]
+    python -m echolearn.bench.onboard runs/bundles/best runs/survey/8x6x5_0dB [joint ...]
 
 loads the bundle as a robot does, takes the survey's recordings one at a time, observation in,
 accepted points out, and prints one line of JSON. Localizers of other names than the bundle's take
@@ -48,7 +48,7 @@ def measure(
     Args:
         folder: of the bundle.
         survey: in the recorded-survey format.
-        localizers: by their names in a bundle, as `joint.Joint`; that of the bundle if there are
+        localizers: by their names in a bundle, as `joint`; that of the bundle if there are
             none.
         laps: how often the walk is taken with each of them.
         seconds: after which no further lap begins.
@@ -57,7 +57,7 @@ def measure(
         `laps`, for each localizer and for `classifier` a list of wall and CPU seconds per recording
         and per input; `memory` in bytes.
     """
-    scorer, walk = load(folder), reader.read(survey)
+    scorer, walk = load(folder), reader.read_survey(survey)
     names = [*localizers] or [scorer.bundle.about["localizer"]["name"]]
     scorers = {name: _with(scorer, name) for name in names}
     for pose in range(len(walk.poses)):
@@ -82,7 +82,7 @@ def _with(scorer: Scorer, name: str) -> Scorer:
     about, window = scorer.bundle.about["localizer"], scorer.bundle.localizer.window
     if name == about["name"]:
         return scorer
-    other = bundle.localizer_of({"name": name, "arguments": {}}, window)
+    other = bundle.localizer_of(name=name, arguments={}, window=window)
     return replace(scorer, bundle=replace(scorer.bundle, localizer=other))
 
 

@@ -24,7 +24,7 @@ from echolearn.storage.manifests import BUNDLE
 STAGE = "robot"
 POSES = 12
 READY, BARE = "ready", "python -c pass"
-LOCALIZERS = {"joint": "joint.Joint", "gated": "gated.Gated"}
+LOCALIZERS = ("joint", "gated")
 
 
 def robot(setting: Setting) -> Iterator[Measurement]:
@@ -72,7 +72,7 @@ def onboard(folder: Path, walk: Path) -> Iterator[Measurement]:
         "echolearn.bench.onboard",
         str(folder),
         str(walk),
-        *LOCALIZERS.values(),
+        *LOCALIZERS,
     ]
     done = subprocess.run(words, capture_output=True, text=True)
     if done.returncode:
@@ -82,8 +82,7 @@ def onboard(folder: Path, walk: Path) -> Iterator[Measurement]:
         )
         return
     found, group = json.loads(done.stdout), folder.name
-    names = {target: name for name, target in LOCALIZERS.items()}
-    for target, taken in found["laps"].items():
-        laps = {f"{group}, {names.get(target, target)}": [Lap(*lap) for lap in taken]}
+    for name, taken in found["laps"].items():
+        laps = {f"{group}, {name}": [Lap(*lap) for lap in taken]}
         yield from times(STAGE, laps, group=group)
     yield Measurement(STAGE, group, "", "", "memory", "B", [found["memory"]], group=group)

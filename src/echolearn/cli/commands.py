@@ -122,9 +122,9 @@ def _export(config: "Config") -> Path:
 
 def _map(config: "Config") -> Path:
     """Map a recorded survey with a bundle: points, walls, an occupancy grid, a drawing."""
-    from echolearn.robot.survey_map import draw
+    from echolearn.robot.survey_map import map_survey
 
-    return draw(
+    return map_survey(
         survey=_needed(config, "survey", "must be a folder in the recorded-survey format"),
         bundle=_needed(config, "bundle", "must be a folder that echolearn export wrote"),
         runs=Path(config["runs"]),
@@ -155,11 +155,11 @@ def verify_folder(name: str) -> str:
     if (place / manifests.BUNDLE).is_file():
         from echolearn.robot import scorer
 
-        return f"{name}: {scorer.verify(place)}"
+        return f"{name}: {scorer.verify_bundle(place)}"
     if (place / "survey.yaml").exists():
         from echolearn.survey import proof
 
-        return f"{name}: {proof.verify(place)}"
+        return f"{name}: {proof.verify_survey(place)}"
     return f"{name}: whole, {len(manifests.verify(place)['files'])} files"
 
 

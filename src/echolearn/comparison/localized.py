@@ -34,7 +34,7 @@ def localize_survey(
     Raises:
         BadValue: the survey has no outline to be evaluated against.
     """
-    survey = reader.read(folder)
+    survey = reader.read_survey(folder)
     if survey.walls is None:
         raise BadValue(
             f"{folder}/survey.yaml: it has no walls; without the room's outline no map is evaluated"

@@ -26,7 +26,7 @@ def echo_map(
 
     Args:
         echoes: fields of shape (P,) or (P, R), robot frame.
-        poses: where each was heard.
+        poses: poses at which they were recorded.
         array: its first microphone is the reference of the TOAs.
         confidence: belief in each echo, shaped like the echoes, 0 to 1; 1 unless given.
         speed_of_sound: in m/s.
@@ -37,40 +37,39 @@ def echo_map(
     Raises:
         BadValue: echoes, poses and confidence of different numbers, or a confidence outside 0 to 1.
     """
-    shape = np.shape(echoes.toa)
-    check(
-        shape[:1] == (len(poses),),
-        "echoes.toa",
-        shape,
-        allowed=f"one row for each of {len(poses)} poses",
-    )
-    toa = np.reshape(echoes.toa, (len(poses), math.prod(shape[1:])))
-    believed = (
-        np.ones(toa.size) if confidence is None else np.asarray(confidence, dtype=float).reshape(-1)
-    )
-    check(
-        len(believed) == toa.size,
-        "confidence",
-        believed.shape,
-        allowed=f"one value for each of {toa.size} echoes",
-    )
-    inside = bool(((believed >= 0) & (believed <= 1)).all())
-    check(
-        inside,
-        "confidence",
-        believed,
-        allowed="from 0 to 1",
-        hint="was a logit given for a confidence?",
-    )
-    where = np.array([pose.position[:2] for pose in poses], dtype=float).reshape(-1, 1, 2)
+    count, *rest = np.shape(echoes.toa)
+    allowed = f"must have one row for each of {len(poses)} poses"
+    check(count == len(poses), "echoes.toa", f"shape {(count, *rest)}", allowed=allowed)
+    shape = (count, math.prod(rest))
+
+    position = np.array([pose.position[:2] for pose in poses], dtype=float).reshape(-1, 1, 2)
+    heading = np.array([pose.heading for pose in poses]).reshape(-1, 1)
     points = wall_points(
-        toa,
-        np.reshape(echoes.azimuth, toa.shape),
-        np.reshape(echoes.elevation, toa.shape),
-        position=where,
-        heading=np.array([pose.heading for pose in poses])[:, None],
+        np.reshape(echoes.toa, shape),
+        np.reshape(echoes.azimuth, shape),
+        np.reshape(echoes.elevation, shape),
+        position=position,
+        heading=heading,
         array=array,
         speed_of_sound=speed_of_sound,
     )
-    seen_from = np.broadcast_to(where, points.shape).reshape(-1, 2).copy()
-    return EchoMap(points.reshape(-1, 2), believed, np.ones(toa.size, dtype=bool), seen_from)
+
+    return EchoMap(
+        points=points.reshape(-1, 2),
+        confidence=_belief(confidence, count=math.prod(shape)),
+        kept=np.ones(math.prod(shape), dtype=bool),
+        poses=np.broadcast_to(position, points.shape).reshape(-1, 2).copy(),
+    )
+
+
+def _belief(confidence: Array | None, *, count: int) -> Array:
+    """Return the confidences of so many echoes, shape (count,): 1 unless given."""
+    if confidence is None:
+        return np.ones(count)
+    belief = np.asarray(confidence, dtype=float).reshape(-1)
+    allowed = f"must have one value for each of {count} echoes"
+    check(len(belief) == count, "confidence", f"{len(belief)} values", allowed=allowed)
+    inside = bool(((belief >= 0) & (belief <= 1)).all())
+    hint = "was a logit given for a confidence?"
+    check(inside, "confidence", belief, allowed="must be from 0 to 1", hint=hint)
+    return belief

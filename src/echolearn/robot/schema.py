@@ -1,100 +1,124 @@
-"""What `bundle.json` tells without anything being computed from it: each key's type, so that
-readers can rely on it.
+"""What `bundle.json` holds: a table of its keys, each with what may stand there.
 
-    classifier name run trained_on      texts            seed             a whole number
-    data      plan digest rows          versions         texts by library
-    parity    difference trials         calibration      slope intercept
-    metrics   held_out (set, rows, figures: value ci_low ci_high by metric), maps (the same with tested_on and metric)
-    command   a command line of echolearn, if there
-
-Texts are printable, so that nothing in them plays tricks with a terminal.
+Bundles on robots outlive versions of echolearn. This reads schema 3; `upgraded` turns 2 into it, in
+which a localizer was named by module and class, `gated.Gated` instead of `gated`. In the first,
+`parity` was a number. Texts are printable, so that none plays tricks with a terminal.
 """
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from echolearn.acoustics.types import PARITY
-from echolearn.checks import check, check_list, check_number, check_whole
+from echolearn.checks import (
+    check,
+    check_metres,
+    check_number,
+    check_plain,
+    check_text,
+    check_whole,
+    nullable,
+)
+from echolearn.localization.features import COVARIANCE_BANDS
 from echolearn.storage import manifests
 
-TEXTS = ("classifier", "name", "run", "trained_on")
-FIGURE = ("value", "ci_low", "ci_high")
+SCHEMA = 3
+"""Version of the format that is written."""
+
+GOLDEN = 32
+"""Inputs whose confidences travel with the model."""
+
+LIMITS = {"model.onnx": 64 << 20, "golden.npz": 16 << 20, "probe.wav": 16 << 20}
+"""The files besides `bundle.json`, each with the bytes it may have."""
+
+REFLECTOR = "a wall's echo arrives within 10 samples of toa"
+LABELS = {"reflector": REFLECTOR, "on_map": "the map point lies within 0.10 m of a wall"}
+"""What a confidence of 1 says."""
 
 
-def part(about: Mapping[str, Any], name: str, keys: str, *, of: str = "") -> dict[str, Any]:
-    """Return a mapping within `bundle.json`, or within its part `of`, that must have exactly these
-    keys.
+def check_argument(name: str, value: Any) -> None:
+    """Raise `BadValue` unless a value can be an argument of a localizer."""
+    short = not isinstance(value, str) or len(value) < 200
+    plain = short and isinstance(value, bool | int | float | str | None)
+    check(plain, name, value, allowed="must be a number, a text, true, false or null")
+
+
+def check_command(name: str, value: Any) -> None:
+    """Raise `BadValue` unless a text is one command line of echolearn."""
+    allowed = "must be one command line of echolearn, quoted"
+    check(manifests.is_command(value), name, f"{value!a:.100}", allowed=allowed)
+
+
+def check_microphones(name: str, value: Any) -> None:
+    """Raise `BadValue` unless places are those of microphones on a robot."""
+    count = len(check_metres(name, value, shape=(-1, 3), most=10.0))
+    check(count <= 256, name, f"{count} microphones", allowed="must be 1 to 256")
+
+
+COUNT = partial(check_whole, low=1, high=10**12)
+SHARE = partial(check_number, low=0.0, high=1.0)
+FIGURE = dict.fromkeys(("value", "ci_low", "ci_high"), nullable(check_number))
+
+TABLE: dict[str, Any] = {
+    "kind": "bundle",
+    "schema": SCHEMA,
+    "name": check_text,
+    "command": nullable(check_command),
+    "classifier": check_text,
+    "run": check_text,
+    "seed": partial(check_whole, low=0, high=2**63),
+    "trained_on": check_text,
+    "data": {"plan": check_text, "digest": check_text, "rows": COUNT},
+    "view": ("features", "covariance"),
+    "columns": [{"name": check_text, "unit": check_text}],
+    "bands": COVARIANCE_BANDS,
+    "input_shape": [partial(check_whole, low=1, high=10**5)],
+    "label": tuple({"name": name, "true": meaning} for name, meaning in LABELS.items()),
+    "threshold": {"value": SHARE, "chosen": check_text},
+    "calibration": {"slope": check_number, "intercept": check_number},
+    "parity": {"difference": partial(check_number, low=0.0, high=PARITY), "trials": COUNT},
+    "sample_rate": partial(check_number, low=1000.0, high=400_000.0, unit="Hz"),
+    "speed_of_sound": partial(check_number, low=100.0, high=2000.0, unit="m/s"),
+    "array": check_microphones,
+    "probe": {
+        "file": "probe.wav",
+        "burst": COUNT,
+        "length": partial(check_whole, low=16, high=4 << 20, unit="samples"),
+    },
+    "window": {"nearest": check_number, "farthest": check_number, "rule": check_text},
+    "localizer": {"name": check_text, "arguments": {...: check_argument}},
+    "golden": GOLDEN,
+    "metrics": {
+        "held_out": {"set": check_text, "rows": COUNT, "figures": {...: FIGURE}},
+        "maps": [{"tested_on": check_text, "metric": check_text, **FIGURE}],
+    },
+    "versions": {...: check_text},
+    "files": {name: {"bytes": COUNT, "sha256": check_text} for name in LIMITS},
+    "sha256": check_text,
+}
+"""Keys of `bundle.json`."""
+
+
+def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of a `bundle.json` as one of today's schema has it, all of it checked.
+
+    Raises:
+        BadValue: another schema, or a key that is missing, unknown or not as `TABLE` says.
     """
-    found = about[name]
-    known = isinstance(found, dict) and sorted(found) == sorted(keys.split())
-    check(
-        known,
-        f"{of}{name}",
-        sorted(found) if isinstance(found, dict) else found,
-        allowed=f"a mapping with {keys}",
-    )
-    return dict(found)
+    schema = content.get("schema")
+    known = type(schema) is int and schema in (2, SCHEMA)
+    hint = f"this echolearn reads schemas 2 and {SCHEMA}; update it or export again"
+    check(known, "schema", schema, allowed=f"must be 2 or {SCHEMA}", hint=hint)
+    about = {"command": None, **content, "schema": SCHEMA}
+    check_plain("", about, table=TABLE)
+    if schema == 2:
+        about["localizer"] = about["localizer"] | {"name": _short(about["localizer"]["name"])}
+    return about
 
 
-def check_text(name: str, value: Any) -> None:
-    """Raise `BadValue` unless a value is a printable text of one line."""
-    plain = isinstance(value, str) and 0 < len(value) <= 1000 and value.isprintable()
-    check(plain, name, ascii(value)[:100], allowed="a printable text of at most 1000 characters")
-
-
-def check_told(about: Mapping[str, Any]) -> None:
-    """Raise `BadValue` unless everything that `bundle.json` merely tells has its type."""
-    for key in TEXTS:
-        check_text(key, about[key])
-    command = about.get("command", "echolearn export")
-    check(
-        manifests.is_command(command),
-        "command",
-        ascii(command)[:100],
-        allowed="one command line of echolearn, quoted",
-    )
-    check_whole("seed", about["seed"], low=0, high=2**63)
-    data, parity = (
-        part(about, "data", "plan digest rows"),
-        part(about, "parity", "difference trials"),
-    )
-    for key in ("plan", "digest"):
-        check_text(f"data.{key}", data[key])
-    check_whole("data.rows", data["rows"], low=1, high=10**12)
-    check_number("parity.difference", parity["difference"], low=0.0, high=PARITY)
-    check_whole("parity.trials", parity["trials"], low=1)
-    for key, value in part(about, "calibration", "slope intercept").items():
-        check_number(f"calibration.{key}", value)
-    check(
-        isinstance(about["versions"], dict),
-        "versions",
-        about["versions"],
-        allowed="a mapping of texts",
-    )
-    for key, value in about["versions"].items():
-        check_text(f"versions.{key}", value)
-    check_metrics(part(about, "metrics", "held_out maps"))
-
-
-def check_metrics(metrics: Mapping[str, Any]) -> None:
-    """Raise `BadValue` unless the figures of a bundle are figures."""
-    held_out = part(metrics, "held_out", "set rows figures", of="metrics.")
-    check_text("metrics.set", held_out["set"])
-    check_whole("metrics.rows", held_out["rows"], low=1, high=10**12)
-    figures, maps = held_out["figures"], metrics["maps"]
-    check(isinstance(figures, dict), "metrics.figures", figures, allowed="a mapping of metrics")
-    check_list("metrics.maps", maps)
-    for name in figures:
-        check_figure(f"metrics.{name}", part(figures, name, " ".join(FIGURE), of="metrics."))
-    for row in maps:
-        told = part({"metrics.maps": row}, "metrics.maps", f"tested_on metric {' '.join(FIGURE)}")
-        for key in ("tested_on", "metric"):
-            check_text(f"metrics.maps.{key}", told[key])
-        check_figure("metrics.maps", told)
-
-
-def check_figure(name: str, figure: Mapping[str, Any]) -> None:
-    """Raise `BadValue` unless value and interval are numbers or undefined."""
-    for key in FIGURE:
-        if figure[key] is not None:
-            check_number(f"{name} {key}", figure[key])
+def _short(name: str) -> str:
+    """Return the short name of a localizer that is given as `module.Class`."""
+    module, _, kind = name.partition(".")
+    allowed = "must be module.Class of a localizer, as schema 2 has it"
+    check(kind.lower() == module, "localizer.name", name, allowed=allowed)
+    return module

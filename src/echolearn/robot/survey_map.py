@@ -1,46 +1,39 @@
-"""A recorded survey and a bundle make a map: every recording heard as `deploy` does, the files by
-`mapfiles`.
+"""A recorded survey and a bundle make a map: every recording scored, the files by `mapping/files`.
 
 The map is identified by what goes into it: the bundle, the survey's files, the resolution, how a
-    direct path is removed
-if that was chosen, and whether a bag for ROS is among its files. A finished one is not made again.
+direct path is removed if that was chosen, and whether a bag for ROS is among its files. A finished
+one is not made again.
 """
 
 import hashlib
-import math
-import sys
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from echolearn.acoustics.types import Echoes, EchoMap, Observation
 from echolearn.checks import BadValue, check, check_name, check_number
-from echolearn.evaluation import metrics
-from echolearn.mapping.files import grid, mcap, ply, svg, table
-from echolearn.mapping.files.chart import Chart, Files
-from echolearn.robot.scorer import Heard, Scorer, load
+from echolearn.mapping.files import grid, ply, svg, table
+from echolearn.mapping.mapped_walk import MappedWalk
+from echolearn.robot.bundle import Bundle
+from echolearn.robot.compatibility import mount_angle
+from echolearn.robot.map_folder import describe_map, finished_map, report, write_map
+from echolearn.robot.scorer import Scorer, load
 from echolearn.runtime.progress import track
 from echolearn.storage import manifests
-from echolearn.storage.files import clean, sha256, write_atomic
-from echolearn.storage.once import locked
-from echolearn.survey import proof, reader
-from echolearn.survey.direct_path import WAYS
+from echolearn.storage.files import sha256
+from echolearn.storage.once import once
+from echolearn.survey.direct_path import REMOVALS
+from echolearn.survey.proof import read_proved, used
+from echolearn.survey.reader import CALIBRATION, Survey, blocks
 
-SCORES = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
-"""Metrics that are shown where the room is known."""
-
-ADVICE = (
-    "is the direct path removed (calibration.wav, direct=), is speed_of_sound right, "
-    "was the bundle trained for such rooms and noise?"
-)
-"""Where nothing is kept."""
+Fields = TypeVar("Fields")
 
 
-def draw(
+def map_survey(
     *,
     survey: Path,
     bundle: Path,
@@ -52,17 +45,17 @@ def draw(
     ros: bool = False,
     command: str | None = None,
 ) -> Path:
-    """Map a recorded survey, and say what the map is worth where the room's outline is known.
+    """Map a recorded survey, and print what the map is worth where the room's outline is known.
 
     Args:
         survey: folder in the recorded-survey format.
         bundle: folder of a bundle.
-        runs: the map goes to `runs/maps`.
-        name: of the map's folder; `<survey>-<bundle>` unless given.
+        runs: folder of everything generated; the map goes to `runs/maps`.
+        name: name of the map's folder; `<survey>-<bundle>` unless given.
         resolution: side of a cell of the occupancy grid, in m.
         resample: bring recordings of another sample rate to the bundle's.
-        direct: how to remove a direct path that is present, one of `direct.WAYS`; None takes the
-            first that can be: `calibration` where it was recorded, else `fitted`.
+        direct: how to remove a direct path that is present, one of `direct_path.REMOVALS`; None
+            takes the first that can be: `calibration` where it was recorded, else `fitted`.
         ros: also write a bag for ROS 2.
         command: what makes the map again; None says nothing about it.
 
@@ -73,214 +66,135 @@ def draw(
         BadValue: a survey or bundle that is missing, damaged or not allowed, or that do not fit
             each other; or `ros` where no bag can be written.
     """
-    mcap.check_wanted(ros)
-    check(isinstance(resample, bool), "resample", resample, allowed="true or false")
+    writers = _writers(ros)
     check_number("resolution", resolution, low=0.005, high=1.0, unit="m")
     name = name or f"{Path(survey).resolve().name}-{Path(bundle).resolve().name}"
     check_name("name", name)
+    scorer = load(bundle)
+    walk = open_survey(Path(survey), scorer.bundle, resample=resample, direct=direct)
+    inputs = {"bundle": scorer.bundle.about["sha256"], "survey": _fingerprint(walk)}
+    inputs |= {"resolution": float(resolution)}
+    # What was not asked for is not named, so that maps of before keep their identity.
+    inputs |= {} if direct is None else {"direct": direct}
+    inputs |= {"ros": True} if ros else {}
     folder = Path(runs) / "maps" / name
-    scorer, (walk, _) = load(bundle), proof.read(Path(survey))
-    walk = replace(walk, rate=scorer.bundle.probe.sample_rate if resample else None)
-    if direct is not None:
-        walk = replace(walk, direct=_way(walk, direct))
-    check_fit(scorer, walk)
-    inputs = {
-        "bundle": scorer.bundle.about["sha256"],
-        "survey": fingerprint(walk),
-        "resolution": float(resolution),
-        **({} if direct is None else {"direct": direct}),
-        **(
-            {"ros": True} if ros else {}
-        ),  # a map without a bag is what it was before there were bags
-    }
-    found = _finished(folder, inputs)
-    if found is None:
-        chart = _chart(name, walk, listen(scorer, walk), resolution=float(resolution))
-        found = {
-            "kind": "map",
-            "inputs": inputs,
-            "scores": scores(chart),
-            "lines": len(chart.lines),
-        }
-        found |= {
-            "poses": len(chart.path),
-            "kept": int(np.sum(chart.map.kept)),
-            **manifests.command_entry(command),
-        }
-        files = _files(chart, ros=ros)
-        with locked(folder, waiting=f"map {name}: waiting for another command that writes it"):
-            found = _finished(folder, inputs) or _write(folder, files, found)
-    say(found)
+
+    def make() -> dict[str, Any]:
+        mapped = score_survey(scorer, walk, resolution=float(resolution))
+        files = {key: value for writer in writers for key, value in writer.write(mapped).items()}
+        about = describe_map(mapped) | {"inputs": inputs} | manifests.command_entry(command)
+        return write_map(folder, files, about=about)
+
+    about = once(
+        folder, finished=partial(finished_map, folder, inputs), make=make, doing="writes it"
+    )
+    report(about)
     return folder
 
 
-def _chart(name: str, walk: reader.Survey, heard: Heard, *, resolution: float) -> Chart:
-    path, headings = (
-        np.array([getattr(pose, field) for pose in walk.poses]) for field in ("position", "heading")
-    )
-    return Chart(
-        name, heard.echoes, heard.map, path, walk.walls, resolution, headings, walk.numbers
-    )
-
-
-def _way(walk: reader.Survey, way: str) -> str:
-    """Return how to remove the direct path of a survey, if it can be removed so."""
-    check(way in WAYS, "direct", way, allowed=", ".join(WAYS))
-    check(
-        walk.direct is not None,
-        "direct",
-        way,
-        allowed="null",
-        hint=f"{walk.folder} has direct_path: removed",
-    )
-    known = way != "calibration" or (walk.folder / reader.CALIBRATION).exists()
-    check(
-        known,
-        "direct",
-        way,
-        allowed="fitted or analytic",
-        hint=f"{walk.folder} has no {reader.CALIBRATION}",
-    )
-    return way
-
-
-def check_fit(scorer: Scorer, walk: reader.Survey) -> None:
-    """Raise `BadValue` if a survey's microphones, sample rate or probe are not the bundle's, before
-    it is heard.
-    """
-    count, wanted = len(walk.array), len(scorer.bundle.array)
-    check(
-        count == wanted,
-        f"{walk.folder}/survey.yaml microphones",
-        count,
-        allowed=f"{wanted}, the bundle's",
-    )
-    rate, expected = walk.probe.sample_rate, scorer.bundle.probe.sample_rate
-    hint = f"the rate is too low: the bundle listens up to {expected / 2:g} Hz"
-    name, allowed = f"{walk.folder}/survey.yaml sample_rate", f"at least {expected:g} Hz"
-    check(rate >= expected, name, f"{rate:g} Hz", allowed=allowed, hint=hint)
-    silence = np.broadcast_to(0.0, (count, walk.probe.length))
-    nothing = Observation(silence, walk.probe, walk.array, walk.speed_of_sound)
+def _writers(ros: bool) -> list[Any]:
+    """Return the modules that write the files of a map."""
+    check(isinstance(ros, bool), "ros", ros, allowed="must be true or false")
+    if not ros:
+        return [table, ply, grid, svg]
     try:
-        scorer.check(nothing if walk.rate is None else reader.resampled(nothing, walk.rate))
+        return [table, ply, grid, svg, import_module("echolearn.mapping.files.mcap")]
+    except ImportError:
+        raise BadValue("ros=true: needs rosbags; pip install 'echolearn[ros]'") from None
+
+
+def open_survey(folder: Path, bundle: Bundle, *, resample: bool, direct: str | None) -> Survey:
+    """Return a survey that was recorded as a bundle wants it.
+
+    Args:
+        folder: of the survey.
+        bundle: what its microphones, sample rate and probe must be.
+        resample: bring another sample rate to the bundle's.
+        direct: how to remove a direct path; None leaves that to the survey.
+
+    Raises:
+        BadValue: it cannot be read, or does not fit.
+    """
+    check(isinstance(resample, bool), "resample", resample, allowed="must be true or false")
+    walk, _ = read_proved(folder)
+    if direct is not None:
+        _check_removal(walk, direct)
+        walk = replace(walk, direct=direct)
+
+    rate = bundle.probe.sample_rate
+    given = walk.probe.sample_rate
+    hint = f"the rate is too low: the bundle listens up to {rate / 2:g} Hz"
+    place = f"{folder}/survey.yaml sample_rate"
+    check(given >= rate, place, f"{given:g} Hz", allowed=f"must be at least {rate:g} Hz", hint=hint)
+    walk = replace(walk, rate=rate if resample else None)
+    try:
+        mount_angle(bundle, array=walk.array, probe=walk.emitted)
     except BadValue as error:
-        raise BadValue(f"{walk.folder}: {error}") from None
+        raise BadValue(f"{folder}: {error}") from None
+    return walk
 
 
-def fingerprint(walk: reader.Survey) -> str:
+def _check_removal(walk: Survey, direct: str) -> None:
+    """Raise `BadValue` unless the direct path of a survey can be removed in this way."""
+    check(direct in REMOVALS, "direct", direct, allowed=f"must be one of {', '.join(REMOVALS)}")
+    hint = f"{walk.folder} has direct_path: removed"
+    check(walk.direct is not None, "direct", direct, allowed="must be null", hint=hint)
+    recorded = direct != "calibration" or (walk.folder / CALIBRATION).exists()
+    hint = f"{walk.folder} has no {CALIBRATION}"
+    check(recorded, "direct", direct, allowed="must be fitted or analytic", hint=hint)
+
+
+def _fingerprint(walk: Survey) -> str:
     """Return the digest of all files of a survey that a map depends on."""
-    known = [name for name in proof.used(walk) if (walk.folder / name).is_file()]
-    sums = "".join(f"{name} {sha256(walk.folder / name)}\n" for name in known)
+    present = [name for name in used(walk) if (walk.folder / name).is_file()]
+    sums = "".join(f"{name} {sha256(walk.folder / name)}\n" for name in present)
     return hashlib.sha256(sums.encode()).hexdigest()
 
 
-def listen(scorer: Scorer, walk: reader.Survey) -> Heard:
-    """Hear every recording of a survey, block by block."""
-    heard = []
-    for block in track(reader.blocks(walk), f"map {walk.folder.name}", unit="blocks"):
-        heard.append(_listen(scorer, walk, block))
-    echoes = Echoes(
-        *(
-            np.concatenate([getattr(h.echoes, name) for h in heard])
-            for name in vars(heard[0].echoes)
-        )
-    )
-    found = EchoMap(
-        *(np.concatenate([getattr(h.map, name) for h in heard]) for name in vars(heard[0].map))
-    )
-    return Heard(echoes, found)
+def score_survey(scorer: Scorer, walk: Survey, *, resolution: float = 0.05) -> MappedWalk:
+    """Score every recording of a survey, block by block.
 
+    Args:
+        scorer: a bundle at work.
+        walk: recorded as the bundle wants it.
+        resolution: side of a cell of the occupancy grid, in m.
 
-def _listen(scorer: Scorer, walk: reader.Survey, block: Sequence[int]) -> Heard:
-    """Hear a block of recordings; what is wrong with one of them is said of its file."""
-    try:
-        return scorer.listen(walk.observe(block), [walk.poses[pose] for pose in block])
-    except BadValue as error:
-        if not str(error).startswith("observation.samples="):
-            raise
-        if len(block) == 1:
-            told = str(error).removeprefix("observation.samples=").replace(" of observation 0", "")
-            raise BadValue(f"{walk.folder / walk.files[block[0]]}: {told}") from None
-        for pose in block:
-            _listen(scorer, walk, [pose])
-        raise
-
-
-def scores(chart: Chart) -> dict[str, float | None] | None:
-    """Return what a map is worth, or None where the room is not known; a metric without a value is
-    None.
+    Raises:
+        BadValue: a recording that cannot be analysed; names its file.
     """
-    if chart.outline is None:
-        return None
-    found = chart.map
-    values = metrics.evaluate_map(
-        chart.outline, found.points, kept=found.kept, confidence=found.confidence, poses=found.poses
+    scored = []
+    for block in track(blocks(walk), f"map {walk.folder.name}", unit="blocks"):
+        try:
+            poses = [walk.poses[pose] for pose in block]
+            scored.append(scorer.score(walk.observe(block), poses))
+        except BadValue as error:
+            raise _blame(error, scorer, walk=walk, block=block) from None
+    return MappedWalk(
+        echoes=_joined([each.echoes for each in scored]),
+        map=_joined([each.map for each in scored]),
+        poses=walk.poses,
+        numbers=walk.numbers,
+        outline=walk.walls,
+        resolution=resolution,
     )
-    return {name: float(value) if math.isfinite(value) else None for name, value in values.items()}
 
 
-def say(about: Mapping[str, Any]) -> None:
-    """Print what a map holds and what it is worth."""
-    print(f"{about['poses']} poses, {about['kept']} echoes kept, {about['lines']} walls fitted")
-    if not about["kept"]:
-        print(f"no echo is believed; {ADVICE}")
-    for name in SCORES if about["scores"] else ():
-        value = about["scores"][name]
-        print(f"  {name:17}" + ("undefined" if value is None else f"{value:.3f}"))
+def _joined(parts: Sequence[Fields]) -> Fields:
+    """Return values of one class, whose fields are arrays, as one of them all."""
+    columns = zip(*(vars(part).values() for part in parts), strict=True)
+    return type(parts[0])(*map(np.concatenate, columns))
 
 
-def _finished(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return the manifest of a finished map with these inputs; refuse a folder that holds something
-    else.
-    """
-    names = {path.name for path in folder.glob("[!.]*")} if folder.is_dir() else set()
-    foreign = (names and "map.csv" not in names) or (folder.exists() and not folder.is_dir())
-    hint = f"{folder} {'holds' if names else 'is'} something else"
-    check(not foreign, "name", folder.name, allowed="a new name, or that of a map", hint=hint)
-    if not manifests.is_finished(folder):
-        return None
-    try:
-        found = manifests.verify(folder)
-    except ValueError:
-        return None
-    return found if found.get("inputs") == inputs else None
-
-
-def _files(chart: Chart, *, ros: bool) -> Files:
-    """Return the files of a map, by name."""
-    writers = (table, ply, grid, svg, *((mcap,) if ros else ()))
-    return {name: content for writer in writers for name, content in writer.write(chart).items()}
-
-
-def _write(folder: Path, files: Files, about: Mapping[str, Any]) -> dict[str, Any]:
-    """Write a map in place of the one before, once it is known that all of it can be; return its
-    manifest.
-    """
-    for path in (folder / name for name in (*files, manifests.MANIFEST)):
-        check(
-            path.is_file() or not path.exists(),
-            str(path),
-            "no plain file",
-            allowed="a file of a map, or none",
-        )
-    bag = folder / mcap.FOLDER
-    check(bag.is_dir() or not bag.exists(), str(bag), "a file", allowed="a folder, or none")
-    _tell_replaced(folder, about["inputs"])
-    clean(folder)
-    clean(bag)
-    if not {*mcap.FILES} & {*files}:
-        mcap.remove(folder)  # that of the map before
-    for name, content in files.items():
-        write_atomic(folder / name, content)
-    return manifests.finish(folder, about, files)
-
-
-def _tell_replaced(folder: Path, inputs: Mapping[str, Any]) -> None:
-    """Say so if in the folder is a map of other recordings or by another bundle."""
-    with suppress(BadValue):  # there is none
-        before = manifests.load_manifest(folder).get("inputs")
-        other = not isinstance(before, dict) or any(
-            before.get(key) != inputs[key] for key in ("survey", "bundle")
-        )
-        if other:
-            print(f"{folder}: replaces the map of another survey or bundle", file=sys.stderr)
+def _blame(error: BadValue, scorer: Scorer, *, walk: Survey, block: Sequence[int]) -> BadValue:
+    """Return the complaint about a block, said of the file of the recording that is to blame."""
+    if not str(error).startswith("observation.samples="):
+        return error
+    # Alone, a recording is number 0 of its block, which tells a reader nothing.
+    for pose in block:
+        try:
+            scorer.score(walk.observe([pose]), [walk.poses[pose]])
+        except BadValue as alone:
+            reason = str(alone).removeprefix("observation.samples=")
+            reason = reason.replace(" of observation 0", "")
+            return BadValue(f"{walk.folder / walk.files[pose]}: {reason}")
+    return error

@@ -23,6 +23,8 @@ from echolearn.storage import manifests
 from echolearn.storage.identity import plain
 from echolearn.storage.once import locked
 from echolearn.survey import audio, reader
+from echolearn.survey.description import description_bytes
+from echolearn.survey.poses import poses_csv
 
 BEGUN = "simulated.json"
 """Written first: what the survey is made from, and the sign that its recordings are nobody's but
@@ -207,10 +209,10 @@ def _write(
         )
     padded = np.pad(scene.probe.samples, (0, scene.probe.length - len(scene.probe.samples)))
     disk.write_atomic(folder / "probe.wav", audio.wav_bytes(padded, scene.probe.sample_rate))
-    disk.write_atomic(folder / "poses.csv", reader.poses_csv(walk, names))
+    disk.write_atomic(folder / "poses.csv", poses_csv(walk, names))
     noise = noise_kind(plain(scene), sensor="snr_db" in told)
     conditions = {**told, "noise": noise, "room": list(room.size), "t60": room.t60}
-    about = reader.describe(
+    about = description_bytes(
         scene.array,
         scene.probe,
         speed_of_sound=scene.speed_of_sound,

@@ -3,44 +3,46 @@
     float32 or PCM of 8, 16, 24 or 32 bits  ->  float64, shape (M, N), PCM scaled to -1 ... 1
 
 A file from a stranger is data: its size is limited, and of FLAC, which packs an hour of silence
-    into a page, what the
-header declares is compared with what is wanted before anything is unpacked. FLAC has a checksum in
-every frame, so a flipped bit is an error there; in WAV it is noise.
+into a page, what the header declares is compared with what is wanted before anything is unpacked.
+FLAC has a checksum in every frame, so a flipped bit is an error there; in WAV it is noise.
 """
 
 import shlex
 import warnings
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.io import wavfile
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check
+from echolearn.storage.files import one_line
 
 LARGEST = 64 << 20
 """Bytes that an audio file may have."""
 
+HEADERS = 1 << 16
+"""Bytes besides its samples that a recording may have."""
 
-def read(path: Path, sample_rate: float, *, shape: tuple[int, int]) -> Array:
-    """Return a recording's samples as float64, shape (M, N); a name that ends in .flac is FLAC, all
-    others are WAV.
+
+def read_recording(path: Path, sample_rate: float, *, shape: tuple[int, int]) -> Array:
+    """Return a recording's samples as float64, shape (M, N).
 
     Args:
-        path: the file.
-        sample_rate: that it must have, in Hz.
-        shape: that it must have, (M, N).
+        path: the file; a name that ends in .flac is FLAC, all others are WAV.
+        sample_rate: sample rate that it must have, in Hz.
+        shape: shape (M, N) that it must have.
 
     Raises:
         BadValue: as `read_wav` and `read_flac`, or another number of channels or samples.
     """
-    check_size(path, min(LARGEST, 8 * shape[0] * shape[1] + 65536))
+    check_size(path, min(LARGEST, 8 * shape[0] * shape[1] + HEADERS))
     if path.suffix.lower() == ".flac":
-        return read_flac(path, sample_rate, shape=shape)
-    samples = read_wav(path, sample_rate)
-    _check_shape(path, samples.shape, shape)
+        samples = read_flac(path, sample_rate, shape=shape)
+    else:
+        samples = read_wav(path, sample_rate)
+    _check_shape(path, samples.shape, wanted=shape)
     return samples
 
 
@@ -48,26 +50,56 @@ def read_wav(path: Path, sample_rate: float) -> Array:
     """Return a WAV file's samples as float64, shape (M, N).
 
     Raises:
-        BadValue: not a WAV file, it ends before its header says so, its sample rate is not
-            `sample_rate` Hz, or it holds NaN.
+        BadValue: as `wav_samples`, or the file is too large.
     """
     check_size(path, LARGEST)
+    return wav_samples(path, sample_rate, name=str(path))
+
+
+def wav_samples(source: Path | BytesIO, sample_rate: float, *, name: str) -> Array:
+    """Return the samples of WAV as float64, shape (M, N).
+
+    Args:
+        source: a file, or what was read of one.
+        sample_rate: sample rate that it must have, in Hz.
+        name: name of the file in errors.
+
+    Raises:
+        BadValue: no WAV, it ends before its header says so, it has another sample rate, or NaN.
+    """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", wavfile.WavFileWarning
-            )  # of chunks besides format and data
+            # Chunks besides format and data are no damage, an early end is.
+            warnings.simplefilter("ignore", wavfile.WavFileWarning)
             warnings.filterwarnings("error", "Reached EOF prematurely", wavfile.WavFileWarning)
-            rate, samples = wavfile.read(path)
+            rate, samples = wavfile.read(source)
     except Exception as error:  # scipy answers a damaged header with whatever its parser trips over
-        raise BadValue(f"{path}: cannot be read as WAV ({' '.join(str(error).split())})") from None
-    _check_rate(path, rate, sample_rate)
-    check(bool(np.isfinite(samples).all()), str(path), "NaN or infinity", allowed="finite samples")
-    return np.atleast_2d(scaled(samples).T)
+        raise BadValue(f"{name}: cannot be read as WAV ({one_line(error)})") from None
+    _check_rate(name, rate, wanted=sample_rate)
+    check(
+        bool(np.isfinite(samples).all()), name, "NaN or infinity", allowed="must be finite samples"
+    )
+    return np.atleast_2d(_scaled(samples).T)
+
+
+def burst_of(samples: Array, *, name: str) -> Array:
+    """Return the burst of a probe (1, N), shape (L,): without the silence up to N.
+
+    Raises:
+        BadValue: nothing but silence; names the file.
+    """
+    sounding = np.flatnonzero(samples[0])
+    check(len(sounding) > 0, name, "silence", allowed="must be the burst that was emitted")
+    return samples[0, : sounding[-1] + 1]
 
 
 def read_flac(path: Path, sample_rate: float, *, shape: tuple[int, int]) -> Array:
     """Return a FLAC file's samples as float64, shape (M, N).
+
+    Args:
+        path: the file.
+        sample_rate: sample rate that it must have, in Hz.
+        shape: shape (M, N) that it must declare.
 
     Raises:
         BadValue: soundfile is not installed; not FLAC, damaged, or declared to have another sample
@@ -77,70 +109,63 @@ def read_flac(path: Path, sample_rate: float, *, shape: tuple[int, int]) -> Arra
         import soundfile
     except (ImportError, OSError):  # the latter where it comes without its library
         unpack = f"flac -d {shlex.quote(path.name)}, and name the WAV in poses.csv"
-        raise BadValue(
-            f"{path}: FLAC needs soundfile; pip install soundfile, or: {unpack}"
-        ) from None
+        mend = f"pip install soundfile, or: {unpack}"
+        raise BadValue(f"{path}: FLAC needs soundfile; {mend}") from None
     try:
         with path.open("rb") as file:
-            check(
-                file.read(4) == b"fLaC",
-                str(path),
-                "no FLAC",
-                allowed="a FLAC file; other names are read as WAV",
-            )
+            # soundfile goes by content, and would open whatever format it knows.
+            allowed = "must be a FLAC file; other names are read as WAV"
+            check(file.read(4) == b"fLaC", str(path), "no FLAC", allowed=allowed)
             file.seek(0)
             with soundfile.SoundFile(file) as held:
-                samples = _unpacked(held, path, sample_rate=sample_rate, shape=shape)
+                _check_rate(str(path), held.samplerate, wanted=sample_rate)
+                _check_shape(path, (held.channels, held.frames), wanted=shape)
+                samples: Array = held.read(dtype="float64", always_2d=True).T
     except BadValue:
         raise
     except (OSError, RuntimeError, TypeError, ValueError) as error:
-        raise BadValue(f"{path}: cannot be read as FLAC ({' '.join(str(error).split())})") from None
-    _check_shape(path, samples.shape, shape)
-    return samples
-
-
-def _unpacked(held: Any, path: Path, *, sample_rate: float, shape: tuple[int, int]) -> Array:
-    """Return the samples (M, N) of an open sound file whose header declares what is wanted."""
-    _check_rate(path, held.samplerate, sample_rate)
-    _check_shape(path, (held.channels, held.frames), shape)
-    samples: Array = held.read(dtype="float64", always_2d=True).T
+        raise BadValue(f"{path}: cannot be read as FLAC ({one_line(error)})") from None
     return np.ascontiguousarray(samples)
 
 
-def _check_rate(path: Path, rate: float, wanted: float) -> None:
-    allowed, hint = f"{wanted:g} Hz", "resample the recording"
-    check(rate == wanted, f"{path} sample_rate", f"{rate} Hz", allowed=allowed, hint=hint)
+def _check_rate(name: str, rate: float, *, wanted: float) -> None:
+    name = f"{name} sample_rate"
+    hint = "resample the recording"
+    check(rate == wanted, name, f"{rate} Hz", allowed=f"must be {wanted:g} Hz", hint=hint)
 
 
-def _check_shape(path: Path, shape: tuple[int, ...], wanted: tuple[int, int]) -> None:
-    check(shape == wanted, str(path), shape, allowed=f"{wanted[0]} channels of {wanted[1]} samples")
+def _check_shape(path: Path, shape: tuple[int, ...], *, wanted: tuple[int, int]) -> None:
+    check(
+        shape == wanted,
+        str(path),
+        shape,
+        allowed=f"must be {wanted[0]} channels of {wanted[1]} samples",
+    )
 
 
 def check_size(path: Path, limit: int) -> None:
-    """Raise `BadValue` if a file is too large or no plain file; one that is missing is left to its
-    reader.
+    """Raise `BadValue` if a file is too large or no plain file.
+
+    One that is missing is left to its reader.
     """
     if path.exists():
-        check(path.is_file(), str(path), "no plain file", allowed="a file")
+        check(path.is_file(), str(path), "no plain file", allowed="must be a file")
         size = path.stat().st_size
-        check(size <= limit, str(path), f"{size} bytes", allowed=f"at most {limit} bytes")
+        check(size <= limit, str(path), f"{size} bytes", allowed=f"must be at most {limit} bytes")
 
 
 def longest(channels: int) -> int:
-    """Return how many samples of so many channels a WAV file of float32 holds that is not too large
-    to be read.
-    """
+    """Return how many samples of so many channels a float32 WAV file can hold that may be read."""
     return (LARGEST - 4096) // (4 * channels)  # headers take less
 
 
-def scaled(samples: Array) -> Array:
-    """Return samples as float64, PCM of any width scaled to -1 ... 1; that of 8 bits is unsigned
-    around 128.
-    """
-    if samples.dtype.kind not in "iu":
-        return samples.astype(float)
-    half = 2.0 ** (8 * samples.dtype.itemsize - 1)
+def _scaled(samples: Array) -> Array:
+    """Return samples as float64, PCM of any width scaled to -1 ... 1."""
     found: Array = samples.astype(float)
+    if samples.dtype.kind not in "iu":
+        return found
+    half = 2.0 ** (8 * samples.dtype.itemsize - 1)
+    # PCM of 8 bits is unsigned around 128. In place, since recordings may be large.
     found -= half if samples.dtype.kind == "u" else 0.0
     found /= half
     return found

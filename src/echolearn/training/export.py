@@ -25,7 +25,7 @@ from echolearn.classifiers.inputs import COVARIANCE, as_input, view_of
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics, stats
 from echolearn.localization import features
-from echolearn.robot import bundle, scorer
+from echolearn.robot import bundle, schema, scorer
 from echolearn.robot.schema import FIGURE
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
@@ -168,7 +168,7 @@ def describe(
     rows = metrics_["rows"]["validation"]
     return {
         "kind": "bundle",
-        "schema": bundle.SCHEMA,
+        "schema": schema.SCHEMA,
         "classifier": run.classifier,
         "run": run.identity,
         "seed": run.seed,
@@ -178,7 +178,7 @@ def describe(
         "columns": [{"name": name, "unit": features.UNITS.get(name, "1")} for name in run.inputs],
         "bands": features.COVARIANCE_BANDS,
         "input_shape": [features.COVARIANCE_BANDS, len(array) ** 2] if tensor else [len(run.inputs)],
-        "label": {"name": metrics_["target"], "true": bundle.LABELS[metrics_["target"]]},
+        "label": {"name": metrics_["target"], "true": schema.LABELS[metrics_["target"]]},
         "threshold": {
             "value": run.threshold,
             "chosen": f"largest balanced accuracy on {rows} validation rows; kept if confidence >= value",
@@ -194,7 +194,7 @@ def describe(
         "probe": {"file": "probe.wav", "burst": len(probe.samples), "length": probe.length},
         "window": {key: value for key, value in plan["window"].items() if key != KIND},
         "localizer": _localizer(plan["localizer"], plan["window"]),
-        "golden": bundle.GOLDEN,
+        "golden": schema.GOLDEN,
         "metrics": {"held_out": judged_rows(run, dataset, resamples=resamples)},
         "versions": {"echolearn": echolearn.__version__, "python": platform.python_version()}
         | {library: version(library) for library in LIBRARIES},
@@ -218,10 +218,10 @@ def _localizer(about: Mapping[str, Any], window: Mapping[str, Any]) -> dict[str,
     """Return a localizer as a bundle names it."""
     arguments = {key: value for key, value in about.items() if key not in (KIND, "window")}
     name = str(about[KIND])
-    travels = name in bundle.localizer_names() and all(
-        bundle.is_plain(value) for value in arguments.values()
-    )
-    check(travels, "localizer", name, allowed="one of echolearn's with plain arguments")
+    known = bundle.localizer_names()
+    check(name in known, "localizer", name, allowed=f"one that travels: {', '.join(known)}")
+    for key, value in arguments.items():
+        schema.check_argument(f"localizer.{key}", value)
     check(
         about["window"] == window, "localizer.window", about["window"], allowed="the plan's window"
     )
@@ -288,7 +288,7 @@ def golden(run: Run, dataset: Dataset) -> Array:
     rows = run.held_out(dataset)
     x = as_input(run.inputs_of({name: dataset[name][rows] for name in run.inputs}), run.inputs)
     ranked = np.argsort(run.answer(x), kind="stable")
-    some = x[ranked[np.linspace(0, len(x) - 1, bundle.GOLDEN - 3).round().astype(int)]]
+    some = x[ranked[np.linspace(0, len(x) - 1, schema.GOLDEN - 3).round().astype(int)]]
     largest = np.full(x[:1].shape, np.finfo(np.float32).max)
     return np.concatenate([some, 0 * largest, largest, -largest]).astype("<f4")
 
@@ -298,11 +298,11 @@ def _check_free(folder: Path, run: Run) -> None:
     if not folder.exists() or not any(folder.iterdir()):
         return
     try:
-        other = bundle.read(folder).about["run"]
+        other = bundle.read_bundle(folder).about["run"]
     except BadValue:
         other = (
             run.identity
-            if {path.name for path in folder.glob("[!.]*")} <= {*bundle.LIMITS, manifests.BUNDLE}
+            if {path.name for path in folder.glob("[!.]*")} <= {*schema.LIMITS, manifests.BUNDLE}
             else "?"
         )
     hint = f"{folder} holds {'something else' if other == '?' else f'the bundle of {other}'}"

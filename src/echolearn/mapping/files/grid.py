@@ -1,10 +1,10 @@
 """`map.pgm` and `map.yaml`: an occupancy grid that nav2's map_server loads.
 
 Each kept echo of confidence p says: with probability p there is a wall where its point lies and
-    nothing before it,
-else nothing at all. So the occupancy that it alone would give is
+nothing before it, else nothing at all. So the occupancy that it alone would give is
 
-    p HIT + (1 - p) / 2    in the point's cell,        p MISS + (1 - p) / 2    in the cells between robot and point,
+    p HIT + (1 - p) / 2     in the point's cell
+    p MISS + (1 - p) / 2    in the cells between robot and point
 
 and the log-odds of all echoes add up, limited to +-LIMIT. A cell that no echo touched stays unknown
 (205). Row 0 of the image is the largest y; `origin` is the pose of the lower left corner of the
@@ -17,12 +17,12 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check
-from echolearn.mapping.files.chart import Chart, Files
+from echolearn.mapping.mapped_walk import Files, MappedWalk
 
 HIT = 0.9
 MISS = 0.1
-"""Below `FREE`, so that one sure echo makes a path free to map_server: what came back has been
-there and back."""
+"""Occupancy below `FREE`, so that one sure echo makes a path free to map_server: what came back has
+been there and back."""
 LIMIT = 5.0
 MARGIN = 0.5
 """m of unknown around everything seen."""
@@ -32,88 +32,102 @@ OCCUPIED = 0.65
 FREE = 0.196
 """Thresholds of occupancy by which map_server tells cells that are occupied, free or unknown."""
 
-CELLS = 16_000_000
-"""Most cells of a grid."""
+MOST_CELLS = 16_000_000
+
+Origin = tuple[float, float]
 
 
-def write(chart: Chart) -> Files:
+def write(walk: MappedWalk) -> Files:
     """Return image and description.
 
     Raises:
         BadValue: a resolution that makes the grid too large.
     """
-    pixels, origin = image(chart)
+    pixels, origin = image(walk)
     height, width = pixels.shape
-    about = (
-        "image: map.pgm\nmode: trinary\n"
-        f"resolution: {chart.resolution!r}\norigin: [{origin[0]!r}, {origin[1]!r}, 0.0]\n"
-        f"negate: 0\noccupied_thresh: {OCCUPIED}\nfree_thresh: {FREE}\n"
-    )
-    return {
-        "map.pgm": f"P5\n{width} {height}\n255\n".encode() + pixels.tobytes(),
-        "map.yaml": about.encode(),
-    }
+    x, y = origin
+    about = f"""\
+image: map.pgm
+mode: trinary
+resolution: {walk.resolution!r}
+origin: [{x!r}, {y!r}, 0.0]
+negate: 0
+occupied_thresh: {OCCUPIED}
+free_thresh: {FREE}
+"""
+    header = f"P5\n{width} {height}\n255\n"
+    return {"map.pgm": header.encode() + pixels.tobytes(), "map.yaml": about.encode()}
 
 
-def image(chart: Chart) -> tuple[Array, tuple[float, float]]:
+def image(walk: MappedWalk) -> tuple[Array, Origin]:
     """Return the pixels, shape (height, width), uint8, row 0 the largest y, and the origin."""
-    odds, touched, origin = occupancy(chart)
-    occupied = 1.0 / (1.0 + np.exp(-odds))
-    return np.where(touched, np.rint(255.0 * (1.0 - occupied)), UNKNOWN).astype(np.uint8)[
-        ::-1
-    ], origin
+    odds, touched, origin = occupancy(walk)
+    free = 1.0 - 1.0 / (1.0 + np.exp(-odds))
+    pixels = np.where(touched, np.rint(255.0 * free), UNKNOWN).astype(np.uint8)
+    return pixels[::-1], origin
 
 
-def cells(chart: Chart) -> tuple[Array, tuple[float, float]]:
-    """Return what map_server makes of the image, shape (height, width), int8, row 0 the smallest y,
-    and the origin.
+def cells(walk: MappedWalk) -> tuple[Array, Origin]:
+    """Return what map_server makes of the image, and the origin.
 
-    A cell is 100, occupied; 0, free; or -1, unknown.
+    The cells have the shape (height, width), int8, row 0 the smallest y: 100 is occupied, 0 is
+    free, -1 is unknown.
     """
-    pixels, origin = image(chart)
+    pixels, origin = image(walk)
     occupied = (255.0 - pixels[::-1]) / 255.0
-    return np.select([occupied > OCCUPIED, occupied < FREE], [100, 0], default=-1).astype(
-        np.int8
-    ), origin
+    known = np.where(occupied > OCCUPIED, 100, np.where(occupied < FREE, 0, -1))
+    return known.astype(np.int8), origin
 
 
-def occupancy(chart: Chart) -> tuple[Array, Array, tuple[float, float]]:
-    """Return log-odds and whether a cell was touched, both (height, width), row 0 the smallest y,
-    and the origin.
+def occupancy(walk: MappedWalk) -> tuple[Array, Array, Origin]:
+    """Return log-odds, whether a cell was touched, and the origin.
+
+    Both grids have the shape (height, width), row 0 the smallest y.
     """
-    step, shown = chart.resolution, chart.drawn
-    points, poses = chart.map.points[shown], chart.map.poses[shown]
-    seen = np.concatenate([points, chart.path[:, :2]])
-    low = np.floor((seen.min(axis=0) - MARGIN) / step)
-    width, height = (np.ceil((seen.max(axis=0) + MARGIN) / step) - low).astype(int).tolist()
-    hint = "choose a larger one; are the poses in m?"
-    check(
-        width * height <= CELLS,
-        "resolution",
-        f"{step} m",
-        allowed=f"at most {CELLS} cells",
-        hint=hint,
-    )
-    odds, touched = np.zeros((height, width)), np.zeros((height, width), dtype=bool)
-    for point, pose, belief in zip(points, poses, chart.map.confidence[shown], strict=True):
-        cells = _ray(pose / step - low, point / step - low)
-        rows, columns = cells[:, 1], cells[:, 0]
+    points = walk.map.points[walk.shown]
+    low, width, height = _extent(np.concatenate([points, walk.path[:, :2]]), walk.resolution)
+    odds = np.zeros((height, width))
+    touched = np.zeros((height, width), dtype=bool)
+
+    starts = walk.map.poses[walk.shown] / walk.resolution - low
+    ends = points / walk.resolution - low
+    for start, end, belief in zip(starts, ends, walk.map.confidence[walk.shown], strict=True):
+        columns, rows = _ray(start, end).T
         odds[rows, columns] += _log_odds(MISS, belief)
+        # The last cell holds the point itself: there the wall is, so the path's share is undone.
         odds[rows[-1], columns[-1]] += _log_odds(HIT, belief) - _log_odds(MISS, belief)
         touched[rows, columns] = True
-    return np.clip(odds, -LIMIT, LIMIT), touched, (float(low[0] * step), float(low[1] * step))
+
+    x, y = (low * walk.resolution).tolist()
+    return np.clip(odds, -LIMIT, LIMIT), touched, (x, y)
+
+
+def _extent(seen: Array, resolution: float) -> tuple[Array, int, int]:
+    """Return the lower left corner, in cells, width and height of a grid around points (K, 2)."""
+    low = np.floor((seen.min(axis=0) - MARGIN) / resolution)
+    high = np.ceil((seen.max(axis=0) + MARGIN) / resolution)
+    width, height = (high - low).astype(int).tolist()
+    check(
+        width * height <= MOST_CELLS,
+        "resolution",
+        f"{resolution} m",
+        allowed=f"must leave at most {MOST_CELLS} cells",
+        hint="choose a larger one; are the poses in m?",
+    )
+    return low, width, height
 
 
 def _ray(start: Array, end: Array) -> Array:
-    """Return the cells from `start` to `end`, in cells, each once, shape (K, 2); the last one holds
-    `end`.
-    """
-    count = 2 * math.ceil(float(np.abs(end - start).max())) + 1
-    cells = np.floor(start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)).astype(int)
-    kept = np.append((np.diff(cells, axis=0) != 0).any(axis=1), True)
-    return cells[kept]
+    """Return the cells between two places, in cells, each once, shape (K, 2); `end`'s is last."""
+    # Two steps a cell: none between the ends is passed over unless it is touched at a corner only.
+    steps = 2 * math.ceil(float(np.abs(end - start).max())) + 1
+    passed = start + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - start)
+    cells = np.floor(passed).astype(int)
+    left = (np.diff(cells, axis=0) != 0).any(axis=1)
+    return cells[np.append(left, True)]
 
 
 def _log_odds(occupied: float, belief: float) -> float:
+    """Return the log-odds of a cell of which one echo of this belief says that it is occupied."""
     mixed = belief * occupied + (1.0 - belief) / 2.0
     return math.log(mixed / (1.0 - mixed))

@@ -1,26 +1,34 @@
-"""`map.ply`: the kept points as a cloud at the loudspeaker's height, with their confidences (PLY
-1.0, binary).
+"""`map.ply`: the kept points as a cloud at the loudspeaker's height, with their confidences.
+
+The format is PLY 1.0, binary, little-endian.
 """
 
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.mapping.files.chart import Chart, Files
+from echolearn.mapping.mapped_walk import Files, MappedWalk
 
 FIELDS = ("x", "y", "z", "confidence")
-"""Of a point, in this order, each a little-endian float of 4 bytes."""
+"""Fields of a point, in this order, each a little-endian float of 4 bytes."""
 
 
-def write(chart: Chart) -> Files:
+def write(walk: MappedWalk) -> Files:
     """Return the point cloud."""
-    points = cloud(chart)
+    points = cloud(walk)
     properties = "".join(f"property float {name}\n" for name in FIELDS)
-    head = f"ply\nformat binary_little_endian 1.0\ncomment metres, room frame\nelement vertex {len(points)}\n"
-    return {"map.ply": f"{head}{properties}end_header\n".encode() + points.tobytes()}
+    header = f"""\
+ply
+format binary_little_endian 1.0
+comment metres, room frame
+element vertex {len(points)}
+{properties}end_header
+"""
+    return {"map.ply": header.encode() + points.tobytes()}
 
 
-def cloud(chart: Chart) -> Array:
-    """Return the drawn points, shape (K, 4): columns `FIELDS`, as little-endian floats of 4 bytes."""
-    shown = chart.drawn
-    heights, beliefs = chart.path[chart.index[shown], 2], chart.map.confidence[shown]
-    return np.column_stack([chart.map.points[shown], heights, beliefs]).astype("<f4")
+def cloud(walk: MappedWalk) -> Array:
+    """Return the shown points, shape (K, 4): columns `FIELDS`, little-endian floats of 4 bytes."""
+    shown = walk.shown
+    heights = walk.path[walk.index[shown], 2]
+    columns = [walk.map.points[shown], heights, walk.map.confidence[shown]]
+    return np.column_stack(columns).astype("<f4")

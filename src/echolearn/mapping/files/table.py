@@ -1,36 +1,44 @@
-"""`map.csv`, every echo that was heard, and `walls.csv`, the lines fitted to those that are kept."""
+"""`map.csv`, every echo, and `walls.csv`, the lines fitted to those that are kept."""
 
 from collections.abc import Iterable, Sequence
-from io import StringIO
+from dataclasses import astuple
 
-from echolearn.mapping.files.chart import Chart, Files
+import numpy as np
+
+from echolearn.acoustics.types import Array
+from echolearn.mapping.mapped_walk import Files, MappedWalk
 
 COLUMNS = "index x_m y_m toa_s azimuth_rad elevation_rad power score confidence kept".split()
 WALLS = "x0_m y0_m x1_m y1_m normal_rad offset_m normal_sd_rad offset_sd_m rms_m points".split()
 
 
-def write(chart: Chart) -> Files:
+def write(walk: MappedWalk) -> Files:
     """Return both tables; floats in shortest form."""
-    echoes, found = chart.echoes, chart.map
-    fields = (echoes.toa, echoes.azimuth, echoes.elevation, echoes.power, echoes.score)
-    flat = [field.reshape(-1).tolist() for field in fields]
-    places, beliefs = (
-        found.points.T.tolist(),
-        (found.confidence.tolist(), found.kept.astype(int).tolist()),
-    )
-    numbers = chart.numbers or range(len(chart.path))
-    rows = zip((numbers[row] for row in chart.index), *places, *flat, *beliefs, strict=True)
-    walls = (
-        [*line.start.tolist(), *line.end.tolist(), line.normal, line.offset]
-        + [line.normal_sd, line.offset_sd, line.rms, line.points]
-        for line in chart.lines
-    )
-    return {"map.csv": csv_bytes(COLUMNS, rows), "walls.csv": csv_bytes(WALLS, walls)}
+    return {
+        "map.csv": csv_bytes(COLUMNS, echo_rows(walk)),
+        "walls.csv": csv_bytes(WALLS, wall_rows(walk)),
+    }
+
+
+def echo_rows(walk: MappedWalk) -> Iterable[Sequence[float]]:
+    """Return a row for each echo, pose by pose, its columns as in `COLUMNS`."""
+    echoes, found = walk.echoes, walk.map
+    # As objects: a number may name a nanosecond since 1970, of which a float loses the last digits.
+    names = np.array(walk.numbers, dtype=object)[walk.index]
+    columns: list[Array] = [names, *found.points.T]
+    columns += [echoes.toa, echoes.azimuth, echoes.elevation, echoes.power, echoes.score]
+    columns += [found.confidence, np.asarray(found.kept, dtype=int)]
+    return zip(*(column.reshape(-1).tolist() for column in columns), strict=True)
+
+
+def wall_rows(walk: MappedWalk) -> Iterable[Sequence[float]]:
+    """Return a row for each fitted line, its columns as in `WALLS`."""
+    for line in walk.lines:
+        start, end, *rest = astuple(line)
+        yield *start.tolist(), *end.tolist(), *rest
 
 
 def csv_bytes(columns: Sequence[str], rows: Iterable[Sequence[float]]) -> bytes:
     """Return rows of numbers as CSV text."""
-    text = StringIO()
-    text.write(",".join(columns) + "\n")
-    text.writelines(",".join(map(repr, row)) + "\n" for row in rows)
-    return text.getvalue().encode()
+    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
+    return "\n".join([*lines, ""]).encode()

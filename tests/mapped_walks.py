@@ -6,15 +6,14 @@ import numpy as np
 import yaml
 from PIL import Image
 
-from echolearn.acoustics.types import Array, Echoes, EchoMap
-from echolearn.mapping.files.chart import Chart, Files
+from echolearn.acoustics.types import Array, Echoes, EchoMap, Pose
+from echolearn.mapping.mapped_walk import Files, MappedWalk
 
 POINTS = np.array(
     [[3.02, -1.98], [5.02, 1.03], [5.02, 1.03], [4.02, 3.02], [9.0, 9.0], [3.02, -0.98]]
 )
-POSES = np.array(
-    [[3.02, -0.98], [4.02, 1.03], [4.02, 1.03], [4.02, 1.02], [4.02, 1.02], [3.02, -0.98]]
-)
+POSES = np.array([[3.02, -0.98, 1.5], [4.02, 1.03, 1.6], [4.02, 1.02, 1.7]])
+SEEN_FROM = POSES[[0, 1, 1, 2, 2, 0], :2]
 CONFIDENCE = np.array([0.9, 0.8, 0.7, 0.99, 0.1, 0.9])
 FLAT = np.array([1, 1, 1, 1, 1, 0])
 
@@ -27,39 +26,34 @@ LEGS = np.array([[3.62, -1.08], [0.32, -1.08], [0.32, 2.42]])
 """A walk through it that does not begin at the origin."""
 
 
-def lopsided() -> Chart:
-    """Return three poses of two echoes in a lopsided place with negative coordinates; the last is a
-    ceiling's."""
+def lopsided() -> MappedWalk:
+    """Return three poses of two echoes with negative coordinates; the last is a ceiling's."""
     column = (np.arange(6.0) / 3).reshape(3, 2)
-    echoes = Echoes(
-        column, column + 1, column + 2, column + 3, (FLAT * np.pi / 2).reshape(3, 2), column + 4
-    )
-    path = np.array([[3.02, -0.98, 1.5], [4.02, 1.03, 1.6], [4.02, 1.02, 1.7]])
+    elevation = (FLAT * np.pi / 2).reshape(3, 2)
+    echoes = Echoes(column, column + 1, column + 2, column + 3, elevation, column + 4)
     outline = np.array([[0.0, -2.0], [5.0, -2.0], [5.0, 3.0], [0.0, 3.0]])
-    return Chart(
-        "lopsided", echoes, EchoMap(POINTS, CONFIDENCE, CONFIDENCE > 0.5, POSES), path, outline
-    )
+    found = EchoMap(POINTS, CONFIDENCE, CONFIDENCE > 0.5, SEEN_FROM)
+    return MappedWalk(echoes, found, [Pose(place) for place in POSES], range(3), outline)
 
 
-def angled() -> Chart:
-    """Return 35 poses in the L, each with sure echoes of the two walls that are nearest before it."""
+def angled() -> MappedWalk:
+    """Return 35 poses in the L, each with sure echoes of the two walls nearest before it."""
     path = np.concatenate([np.linspace(*LEGS[leg : leg + 2], 18)[leg:] for leg in (0, 1)])
-    points = np.stack([_nearest(place) for place in path])
+    points = np.concatenate([_nearest(place) for place in path])
     along = np.diff(path, axis=0, append=path[-1:] + [[0.0, 1.0]])
-    column = np.full((len(path), 2), np.pi / 2)
-    found = EchoMap(
-        points.reshape(-1, 2),
-        np.full(2 * len(path), 0.95),
-        np.full(2 * len(path), True),
-        path.repeat(2, 0),
-    )
-    walk = np.column_stack([path, np.linspace(1.0, 1.5, len(path))])
-    headings = np.arctan2(along[:, 1], along[:, 0])
-    return Chart("angled", Echoes(*[column] * 6), found, walk, CORNERS, headings=headings)
+    heights = np.linspace(1.0, 1.5, len(path))
+    poses = [
+        Pose(np.append(place, height), float(np.arctan2(*step[::-1])))
+        for place, height, step in zip(path, heights, along, strict=True)
+    ]
+    sure = np.full(len(points), 0.95)
+    found = EchoMap(points, sure, sure > 0.5, path.repeat(2, axis=0))
+    echoes = Echoes(*[np.full((len(path), 2), np.pi / 2)] * 6)
+    return MappedWalk(echoes, found, poses, range(len(poses)), CORNERS)
 
 
 def _nearest(place: Array) -> Array:
-    """Return where sound from `place` meets the two nearest walls that send it back, shape (2, 2)."""
+    """Return where sound from `place` meets the two nearest walls that send it back, (2, 2)."""
     starts, ends = CORNERS, np.roll(CORNERS, -1, axis=0)
     share = ((place - starts) * (ends - starts)).sum(axis=1) / ((ends - starts) ** 2).sum(axis=1)
     feet = (starts + share[:, None] * (ends - starts))[(share > 0) & (share < 1)]
@@ -67,8 +61,10 @@ def _nearest(place: Array) -> Array:
 
 
 def nav2(files: Files) -> tuple[Array, tuple[float, float, float]]:
-    """Return cells (row 0 the smallest y; 100, 0 or -1), origin and resolution, as nav2's
-    map_server loads them."""
+    """Return cells, origin and resolution as nav2's map_server loads them.
+
+    Row 0 of the cells is the smallest y; they are 100, 0 or -1.
+    """
     about = yaml.safe_load(files["map.yaml"])
     image = np.asarray(Image.open(BytesIO(files[about["image"]])), dtype=float)
     assert about["mode"] == "trinary" and about["origin"][2] == 0

@@ -1,17 +1,15 @@
-"""The walk's geometry, echoes to map points, and what the threshold means."""
+"""The walk's geometry: clearance, even steps, headings, and what of the room is in reach."""
 
 import numpy as np
 import pytest
 
-from echolearn.acoustics.geometry import circular_array, distance_to_outline, outline, true_echoes
-from echolearn.acoustics.types import Echoes, Pose, Room
+from echolearn.acoustics.geometry import outline
+from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue
 from echolearn.evaluation.coverage import attainable
-from echolearn.mapping.echo_map import echo_map
 from echolearn.simulation.walk import trajectory
 
 SIZES = [(8.0, 6.0, 5.0), (13.0, 11.0, 5.0), (10.0, 8.0, 5.0), (5.0, 5.0, 3.0), (14.0, 5.0, 4.0)]
-ARRAY = circular_array()
 
 
 def walk(size, **changes):
@@ -44,7 +42,7 @@ def test_heading_is_the_tangent(size):
     across = np.cos(heading[1:-1]) * chord[:, 1] - np.sin(heading[1:-1]) * chord[:, 0]
     ahead = np.cos(heading[1:-1]) * chord[:, 0] + np.sin(heading[1:-1]) * chord[:, 1]
     assert (ahead > 0).all()
-    # The heading is that of the path, not of the chord; they part where a narrow room's path bends sharply.
+    # The heading is that of the path, not of the chord; they part where a narrow room's path bends.
     assert np.median(np.abs(across / ahead)) < 1e-3
     assert np.abs(across / ahead).max() < 0.15
 
@@ -104,71 +102,3 @@ def test_the_smallest_room_holds_the_walk_and_a_smaller_one_is_named():
     assert len(trajectory(Room((3.1, 8.0, 2.5), 0.4))) == 160
     with pytest.raises(BadValue, match="^room.size=8 x 3.09 x 2.5 m: two sides of at least 3.1 m"):
         trajectory(Room((8.0, 3.09, 2.5), 0.4))
-
-
-def perfect_echoes(room, poses, wall):
-    """Return the true echo of one wall at every pose."""
-    truths = [true_echoes(room, pose, array=ARRAY) for pose in poses]
-    toa, azimuth, elevation = (
-        np.array([getattr(truth, name)[wall] for truth in truths])
-        for name in ("toa", "azimuth", "elevation")
-    )
-    return Echoes(toa, np.ones_like(toa), np.ones_like(toa), azimuth, elevation, np.ones_like(toa))
-
-
-@pytest.mark.parametrize("wall", range(4))
-def test_true_echoes_land_on_their_wall(wall):
-    room = Room(SIZES[0], 0.6)
-    poses = trajectory(room)
-    found = echo_map(perfect_echoes(room, poses, wall), poses, array=ARRAY)
-    axis, place = wall // 2, room.size[wall // 2] * (wall % 2)
-    np.testing.assert_allclose(found.points[:, axis], place, atol=1e-9)
-    np.testing.assert_allclose(found.points[:, 1 - axis], found.poses[:, 1 - axis], atol=1e-9)
-    assert distance_to_outline(found.points, outline(room)).max() < 1e-9
-    assert found.kept.all() and (found.confidence == 1).all()
-
-
-def test_a_turned_and_shifted_robot_turns_and_shifts_its_map():
-    rng, angle, shift = np.random.default_rng(0), 1.1, np.array([2.0, -1.0, 0.5])
-    echoes = Echoes(*rng.uniform(0.5, 1.5, size=(6, 20)) * np.array([0.01, 1, 1, 1, 1, 1])[:, None])
-    poses = [
-        Pose(position, heading)
-        for position, heading in zip(rng.random((20, 3)), rng.random(20), strict=True)
-    ]
-    turn = np.array(
-        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
-    )
-    moved = [Pose(turn @ pose.position + shift, pose.heading + angle) for pose in poses]
-    here, there = (echo_map(echoes, at, array=ARRAY) for at in (poses, moved))
-    np.testing.assert_allclose(there.points, here.points @ turn[:2, :2].T + shift[:2], atol=1e-12)
-    np.testing.assert_allclose(there.poses, here.poses @ turn[:2, :2].T + shift[:2], atol=1e-12)
-
-
-def test_several_echoes_of_a_pose_stay_with_it():
-    fields = (
-        np.random.default_rng(1).uniform(0.5, 1.5, size=(6, 4, 3))
-        * np.array([0.01, 1, 1, 1, 1, 1])[:, None, None]
-    )
-    poses = [Pose(np.array([i, 2.0 * i, 1.0]), 0.1 * i) for i in range(4)]
-    confidence = np.linspace(0, 1, 12).reshape(4, 3)
-    found = echo_map(Echoes(*fields), poses, array=ARRAY, confidence=confidence)
-    assert found.points.shape == found.poses.shape == (12, 2)
-    np.testing.assert_allclose(found.poses[:, 0], np.repeat(np.arange(4), 3))
-    np.testing.assert_allclose(found.confidence, confidence.ravel())
-    second = echo_map(Echoes(*fields[:, :, 1]), poses, array=ARRAY)
-    np.testing.assert_allclose(found.points[1::3], second.points)
-
-
-def test_no_pose_gives_an_empty_map():
-    found = echo_map(Echoes(*np.empty((6, 0))), [], array=ARRAY)
-    assert found.points.shape == found.poses.shape == (0, 2)
-
-
-def test_columns_that_do_not_belong_together_are_refused():
-    echoes, poses = Echoes(*np.full((6, 2), 0.01)), [Pose(np.zeros(3))] * 2
-    with pytest.raises(BadValue, match="one row for each of 1 poses"):
-        echo_map(echoes, poses[:1], array=ARRAY)
-    with pytest.raises(BadValue, match="logit"):
-        echo_map(echoes, poses, array=ARRAY, confidence=np.array([0.5, 2.0]))
-    with pytest.raises(BadValue, match="2 echoes"):
-        echo_map(echoes, poses, array=ARRAY, confidence=np.array([0.5]))

@@ -1,0 +1,73 @@
+"""A walk with its echoes and their map: what every writer in `mapping/files` makes its files from.
+
+A writer is a module with one function, `write(walk) -> {file name: content}`. Echoes from the floor
+or the ceiling lie on the array's axis and belong to no wall: they are in the map, but not among the
+points that are `shown`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from echolearn.acoustics.types import Array, Echoes, EchoMap, Pose
+from echolearn.mapping.walls import Line, fit_lines
+
+Files = Mapping[str, bytes]
+"""Contents of files by their names, relative to the map's folder."""
+
+BAG = ("bag/bag.mcap", "bag/metadata.yaml")
+"""Files that only the writer of bags makes."""
+
+LOWEST_SINE = 0.5
+"""Sine of the elevation above which an echo counts as a wall's: 30 degrees off the array's axis."""
+
+
+@dataclass(frozen=True)
+class MappedWalk:
+    """A walk, the echoes of its recordings, and the map that they leave.
+
+    Attributes:
+        echoes: fields (P, R), robot frame.
+        map: their P * R points, pose by pose, room frame.
+        poses: P poses.
+        numbers: names of the poses in tables, P whole numbers.
+        outline: corners of the room, shape (C, 2), in m, or None where they are not known.
+        resolution: side of a cell of the grid, in m.
+    """
+
+    echoes: Echoes
+    map: EchoMap
+    poses: Sequence[Pose]
+    numbers: Sequence[int]
+    outline: Array | None = None
+    resolution: float = 0.05
+
+    @cached_property
+    def path(self) -> Array:
+        """Positions of the poses, shape (P, 3), in m."""
+        return np.array([pose.position for pose in self.poses], dtype=float)
+
+    @property
+    def index(self) -> Array:
+        """Number of the pose of each point, from 0, shape (P * R,)."""
+        return np.repeat(np.arange(len(self.poses)), self.echoes.toa.shape[1])
+
+    @property
+    def sideways(self) -> Array:
+        """Which echoes do not come from the floor or the ceiling, shape (P * R,), bool."""
+        return np.sin(self.echoes.elevation).reshape(-1) > LOWEST_SINE
+
+    @cached_property
+    def shown(self) -> Array:
+        """Which points are kept and belong to a wall, shape (P * R,), bool."""
+        return np.asarray(self.map.kept) & self.sideways
+
+    @cached_property
+    def lines(self) -> list[Line]:
+        """Walls that the shown points suggest."""
+        points = self.map.points[self.shown]
+        ray = points - self.map.poses[self.shown]
+        length = np.linalg.norm(ray, axis=1, keepdims=True)
+        return fit_lines(points, ray / np.maximum(length, 1e-9))

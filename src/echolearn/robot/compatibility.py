@@ -1,0 +1,83 @@
+"""Is this the robot that a bundle was made for? Its microphones, sample rate and probe must be.
+
+The array may be turned about its axis. The angle follows from the positions p_m and q_m of the
+bundle's and the robot's microphones, as complex numbers x + i y:
+
+    angle = arg sum_m conj(p_m) q_m
+
+which is the least squares solution of q_m = exp(i angle) p_m (Procrustes in the plane).
+"""
+
+import numpy as np
+
+from echolearn.acoustics.types import Array, MicArray, Probe
+from echolearn.checks import BadValue, check
+from echolearn.robot.bundle import Bundle
+
+DISPLACED = 1e-3
+"""m by which a microphone may be elsewhere than in the bundle."""
+
+SAME = 1e-6
+"""m within which positions are the same, so that nothing is turned."""
+
+LIKENESS = 0.9
+"""Correlation of a survey's probe with the bundle's; resampling takes a little of it."""
+
+OTHER_ARRAY = (
+    "an array of another shape needs a classifier trained for it; are the microphones in the same "
+    "order?"
+)
+
+
+def mount_angle(bundle: Bundle, *, array: MicArray, probe: Probe) -> float:
+    """Return the angle in rad by which the bundle's array is turned on this robot.
+
+    Args:
+        bundle: what the robot should be like.
+        array: microphones of the robot.
+        probe: burst that it emitted.
+
+    Raises:
+        BadValue: another array, sample rate or probe than the bundle's.
+    """
+    rate = bundle.probe.sample_rate
+    if probe.sample_rate != rate:
+        rates = f"bundle expects sample_rate={rate:g} Hz, survey has {probe.sample_rate:g} Hz"
+        mend = f"`echolearn map resample=true`, or: sox in.wav -r {rate:g} out.wav"
+        raise BadValue(f"{rates}; resample with {mend}")
+
+    count = len(bundle.array)
+    check(len(array) == count, "microphones", len(array), allowed=f"must be {count}, the bundle's")
+    angle, off = _turn(bundle.array.positions, array.positions)
+    allowed = f"must be at most {DISPLACED * 1000:g} mm from where the bundle's are, however they are turned"
+    shown = f"one is off by {off * 1000:.1f} mm"
+    check(off <= DISPLACED, "microphones", shown, allowed=allowed, hint=OTHER_ARRAY)
+
+    likeness = _correlation(probe.samples, bundle.probe.samples)
+    shown = f"correlates {likeness:.3f} with the bundle's"
+    hint = "play the bundle's probe.wav, or train with yours"
+    check(likeness > LIKENESS, "probe", shown, allowed="must be the same burst", hint=hint)
+    return angle
+
+
+def _turn(positions: Array, found: Array) -> tuple[float, float]:
+    """Return the angle that brings microphones to those found, and the largest distance left.
+
+    Args:
+        positions, found: each of shape (M, 3), in m.
+    """
+    if float(np.abs(positions - found).max()) <= SAME:
+        return 0.0, 0.0
+    here = positions[:, 0] + 1j * positions[:, 1]
+    there = found[:, 0] + 1j * found[:, 1]
+    angle = float(np.angle(np.sum(here.conj() * there)))
+    across = np.abs(here * np.exp(1j * angle) - there)
+    return angle, float(np.hypot(across, positions[:, 2] - found[:, 2]).max())
+
+
+def _correlation(first: Array, second: Array) -> float:
+    """Return the normalised correlation of two bursts, 0 if one is much longer."""
+    length = max(len(first), len(second))
+    a = np.pad(first, (0, length - len(first)))
+    b = np.pad(second, (0, length - len(second)))
+    return float(a @ b / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300))

@@ -1,0 +1,114 @@
+"""The folder of a map: finished, or written in place of the map before.
+
+What is there must be a map. Nothing is written before it is known that all of it can be.
+"""
+
+import math
+import sys
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echolearn.checks import BadValue, check
+from echolearn.evaluation.metrics import evaluate_map
+from echolearn.mapping.mapped_walk import BAG, Files, MappedWalk
+from echolearn.storage import manifests
+from echolearn.storage.files import clean, write_atomic
+
+SHOWN = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
+"""Metrics that are printed where the room is known."""
+
+ADVICE = (
+    "is the direct path removed (calibration.wav, direct=), is speed_of_sound right, "
+    "was the bundle trained for such rooms and noise?"
+)
+"""Likely mistakes where nothing is kept."""
+
+
+def finished_map(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the manifest of a finished map with these inputs, if it is there.
+
+    Raises:
+        BadValue: something else than a map is there.
+    """
+    names = {path.name for path in folder.glob("[!.]*")} if folder.is_dir() else set()
+    foreign = (names and "map.csv" not in names) or (folder.exists() and not folder.is_dir())
+    hint = f"{folder} {'holds' if names else 'is'} something else"
+    check(
+        not foreign, "name", folder.name, allowed="must be a new name, or that of a map", hint=hint
+    )
+    with suppress(BadValue):
+        about = manifests.verify(folder)
+        return about if about.get("inputs") == inputs else None
+    return None
+
+
+def write_map(folder: Path, files: Files, *, about: Mapping[str, Any]) -> dict[str, Any]:
+    """Write a map in place of the one before, and return its manifest.
+
+    Raises:
+        BadValue: something is in the way of one of its files; nothing is written then.
+    """
+    for path in (folder / name for name in (*files, manifests.MANIFEST)):
+        free = path.is_file() or not path.exists()
+        check(free, str(path), "no plain file", allowed="must be a file of a map, or none")
+        free = path.parent.is_dir() or not path.parent.exists()
+        check(free, str(path.parent), "a file", allowed="must be a folder, or none")
+    _tell_replaced(folder, about["inputs"])
+
+    bag = (folder / BAG[0]).parent
+    clean(folder)
+    clean(bag)
+    with suppress(OSError):  # there is no bag of the map before, or something else is in its folder
+        for name in {*BAG} - {*files}:
+            (folder / name).unlink(missing_ok=True)
+        bag.rmdir()
+    for name, content in files.items():
+        write_atomic(folder / name, content)
+    return manifests.finish(folder, about, files)
+
+
+def _tell_replaced(folder: Path, inputs: Mapping[str, Any]) -> None:
+    """Say so if in the folder is a map of other recordings or by another bundle."""
+    with suppress(BadValue):  # there is none
+        before = manifests.load_manifest(folder).get("inputs")
+        known = before if isinstance(before, dict) else {}
+        if any(known.get(key) != inputs[key] for key in ("survey", "bundle")):
+            print(f"{folder}: replaces the map of another survey or bundle", file=sys.stderr)
+
+
+def describe_map(mapped: MappedWalk) -> dict[str, Any]:
+    """Return what the manifest of a map says of it; a metric without a value is None."""
+    scores = None
+    if mapped.outline is not None:
+        found = mapped.map
+        values = evaluate_map(
+            mapped.outline,
+            found.points,
+            kept=found.kept,
+            confidence=found.confidence,
+            poses=found.poses,
+        )
+        scores = {
+            key: float(value) if math.isfinite(value) else None for key, value in values.items()
+        }
+    return {
+        "kind": "map",
+        "scores": scores,
+        "lines": len(mapped.lines),
+        "poses": len(mapped.poses),
+        "kept": int(np.sum(mapped.map.kept)),
+    }
+
+
+def report(about: Mapping[str, Any]) -> None:
+    """Print what a map holds and what it is worth."""
+    print(f"{about['poses']} poses, {about['kept']} echoes kept, {about['lines']} walls fitted")
+    if not about["kept"]:
+        print(f"no echo is believed; {ADVICE}")
+    for name in SHOWN if about["scores"] else ():
+        value = about["scores"][name]
+        print(f"  {name:17}" + ("undefined" if value is None else f"{value:.3f}"))

@@ -1,0 +1,160 @@
+"""What describes a recorded survey, `survey.yaml`: read as a stranger writes it, and written.
+
+A table names every key and its check, so a misspelt key cannot go unnoticed. YAML of little text
+can stand for endless lists (aliases) or exhaust a parser's stack (nesting): both are refused before
+anything is built from it. So is a key that is there twice, of which YAML would take the last.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from echolearn.acoustics.types import Array, MicArray, Probe
+from echolearn.checks import (
+    BadValue,
+    check,
+    check_metres,
+    check_number,
+    check_plain,
+    check_whole,
+    nullable,
+)
+from echolearn.storage.files import one_line
+from echolearn.survey.audio import check_size
+
+LARGEST_YAML = 1 << 17
+"""Bytes that `survey.yaml` may have."""
+
+DEEPEST = 20
+"""Brackets within brackets that `survey.yaml` may have; coordinates need two."""
+
+IN_ROOM = 10_000.0
+"""m from the origin that something in a room may be."""
+
+CORNERS = "must be null, or 3 to 1000 distinct corners in order around an area"
+
+UNKNOWN = "leave it out where it is not known"
+
+
+def check_outline(name: str, value: object) -> None:
+    """Raise `BadValue` unless corners (C, 2) are those of a polygon.
+
+    Twice the area of a polygon is the sum of x_k y_(k+1) - x_(k+1) y_k.
+    """
+    corners = check_metres(name, value, shape=(-1, 2), most=IN_ROOM)
+    count = len(corners)
+    check(3 <= count <= 1000, name, f"{count} corners", allowed=CORNERS)
+    twice = count - len(np.unique(corners, axis=0))
+    hint = "it closes by itself"
+    check(twice == 0, name, f"{twice} corners twice", allowed=CORNERS, hint=hint)
+
+    # From the first corner, lest a room far from the origin lose digits.
+    x, y = (corners - corners[0]).T
+    area = abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))) / 2
+    hint = "do its sides cross each other?"
+    check(area >= 0.01, name, f"an area of {area:.2g} m^2", allowed=CORNERS, hint=hint)
+
+
+LEVEL = partial(check_number, low=-200.0, high=200.0, unit="dB", hint=UNKNOWN)
+
+TABLE = {
+    "sample_rate": partial(check_number, low=1000.0, high=400_000.0, unit="Hz"),
+    "speed_of_sound": partial(
+        check_number, low=100.0, high=2000.0, unit="m/s", hint="air is 343 m/s"
+    ),
+    "microphones": partial(check_metres, shape=(-1, 3)),
+    "loudspeaker": partial(check_metres, shape=(3,)),
+    "direct_path": ("removed", "present"),
+    "walls": nullable(check_outline),
+    "conditions": {
+        "snr_db": nullable(LEVEL),
+        "sdnr_db": nullable(LEVEL),
+        "pings": nullable(partial(check_whole, low=1)),
+        ...: ...,
+    },
+}
+"""Keys of `survey.yaml`, each with its check."""
+
+OPTIONAL: dict[str, Any] = {"walls": None, "conditions": {}}
+"""Keys that may be missing or null, and what is then read."""
+
+
+def read_description(path: Path) -> dict[str, Any]:
+    """Return the keys of `survey.yaml`, coordinates as arrays.
+
+    Raises:
+        BadValue: no YAML, or a key that is missing, unknown or malformed.
+    """
+    check_size(path, LARGEST_YAML)
+    try:
+        content = _load(path.read_text(encoding="utf-8"))
+        if isinstance(content, dict):
+            content |= {key: content.get(key) or default for key, default in OPTIONAL.items()}
+        hint = "what else is known of a recording goes into conditions"
+        check_plain("", content, table=TABLE, hint=hint)
+    except BadValue as error:
+        raise BadValue(f"{path} {error}") from None
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise BadValue(f"{path}: cannot be read ({one_line(error)})") from None
+
+    for key in ("microphones", "loudspeaker", "walls"):
+        if content[key] is not None:
+            content[key] = np.array(content[key], dtype=float)
+    return dict(content)
+
+
+def _load(text: str) -> Any:
+    """Return what plain YAML holds, without aliases, every key once."""
+    depth = 0
+    for character in text:
+        depth += (character in "[{") - (character in "]}")
+        if depth > DEEPEST:
+            raise ValueError(f"it is nested more than {DEEPEST} deep")
+    if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
+        raise ValueError("it holds an alias, *name, by which little text can become endless lists")
+
+    _check_once(yaml.compose(text, Loader=yaml.SafeLoader))
+    return yaml.safe_load(text)
+
+
+def _check_once(node: Any) -> None:
+    """Raise `BadValue` for a key that is twice in a mapping."""
+    pairs = node.value if isinstance(node, yaml.MappingNode) else ()
+    for key, times in Counter(str(key.value) for key, _ in pairs).items():
+        check(times == 1, "key", f"{key!a:.100}, {times} times", allowed="must have each key once")
+    for _, value in pairs:
+        _check_once(value)
+
+
+def description_bytes(
+    array: MicArray,
+    probe: Probe,
+    *,
+    speed_of_sound: float,
+    walls: Array,
+    conditions: Mapping[str, Any],
+) -> bytes:
+    """Return the text of `survey.yaml` for recordings whose direct path has been removed.
+
+    Args:
+        array: the microphones, the loudspeaker at the origin.
+        probe: what was emitted.
+        speed_of_sound: in m/s.
+        walls: corners of the room, shape (C, 2), in m.
+        conditions: what is known of the recordings.
+    """
+    content = {
+        "sample_rate": float(probe.sample_rate),
+        "speed_of_sound": float(speed_of_sound),
+        "microphones": array.positions.tolist(),
+        "loudspeaker": [0.0, 0.0, 0.0],
+        "direct_path": "removed",
+        "walls": np.asarray(walls).tolist(),
+        "conditions": dict(conditions),
+    }
+    return yaml.safe_dump(content, sort_keys=False).encode()

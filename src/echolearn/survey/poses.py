@@ -1,0 +1,142 @@
+"""The table of a recorded survey, `poses.csv`: read as a stranger writes it, and written.
+
+    index,x_m,y_m,z_m,heading_rad,file
+
+A row is a pose. `CELLS` names the columns, each with the function that reads a cell of it; further
+columns are not looked at. Errors count rows as spreadsheets do.
+"""
+
+import csv
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echolearn.acoustics.types import Pose
+from echolearn.checks import BadValue, check
+from echolearn.storage.files import one_line
+from echolearn.survey.audio import check_size
+from echolearn.survey.description import IN_ROOM
+
+LARGEST_CSV = 4 << 20
+"""Bytes that `poses.csv` may have."""
+
+DIGITS = 19
+"""Digits of a pose's index: nanoseconds since 1970 have so many."""
+
+BY_POINT = "are decimals set off by a point, cells by commas?"
+NAMES = "they name the poses in map.csv"
+
+
+def read_number(name: str, cell: Any, *, most: float, unit: str, hint: str) -> float:
+    """Return a cell as a number of at most that magnitude.
+
+    Args:
+        name: what the cell is called in errors.
+        cell: its text, or None where a row is too short.
+        most: largest magnitude.
+        unit: unit of the number.
+        hint: the likely mistake if it is larger.
+    """
+    try:
+        number = float(cell or "")
+    except ValueError:
+        number = math.nan
+        hint = BY_POINT
+    allowed = f"must be a number from -{most:g} to {most:g} {unit}"
+    check(abs(number) <= most, name, f"{cell!a:.60}", allowed=allowed, hint=hint)
+    return number
+
+
+def read_index(name: str, cell: Any) -> int:
+    """Return a cell as the number that names a pose."""
+    text = str(cell or "")
+    plain = text.isascii() and text.isdigit() and len(text) <= DIGITS
+    allowed = f"must be whole numbers of at most {DIGITS} digits"
+    check(plain, name, f"{text!a:.100}", allowed=allowed, hint=NAMES)
+    return int(text)
+
+
+def read_name(name: str, cell: Any) -> str:
+    """Return a cell as the name of a recording."""
+    allowed = "must be the name of a recording, which can be printed"
+    check(bool(cell) and cell.isprintable(), name, f"{cell!a:.100}", allowed=allowed)
+    return str(cell)
+
+
+METRES = partial(read_number, most=IN_ROOM, unit="m", hint="are they in mm?")
+
+CELLS: dict[str, Callable[[str, Any], Any]] = {
+    "index": read_index,
+    "x_m": METRES,
+    "y_m": METRES,
+    "z_m": METRES,
+    "heading_rad": partial(read_number, most=100.0, unit="rad", hint="is it in degrees?"),
+    "file": read_name,
+}
+"""Columns of `poses.csv`."""
+
+
+def read_poses(path: Path) -> tuple[tuple[int, ...], tuple[Pose, ...], tuple[str, ...]]:
+    """Return index, pose and file of every row of `poses.csv`.
+
+    Raises:
+        BadValue: no table, no rows, or a cell that is missing or malformed, with its row as
+            spreadsheets count.
+    """
+    check_size(path, LARGEST_CSV)
+    try:
+        rows = list(_rows(path))
+    except BadValue:
+        raise
+    except (OSError, ValueError, csv.Error) as error:
+        reason = f"{one_line(error):.200}"
+        columns = ",".join(CELLS)
+        raise BadValue(f"{path}: cannot be read ({reason}); its columns are {columns}") from None
+    check(len(rows) > 0, str(path), "no rows", allowed="must hold at least one pose")
+
+    numbers = tuple(row["index"] for row in rows)
+    [(most, times)] = Counter(numbers).most_common(1)
+    allowed = "must have each number once"
+    check(times == 1, f"{path} index", f"{most}, {times} times", allowed=allowed, hint=NAMES)
+    places = [[row["x_m"], row["y_m"], row["z_m"]] for row in rows]
+    poses = (
+        Pose(np.array(place), row["heading_rad"]) for place, row in zip(places, rows, strict=True)
+    )
+    return numbers, tuple(poses), tuple(row["file"] for row in rows)
+
+
+def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
+    """Yield the cells of each row of a table that has the columns of `CELLS`."""
+    # Spreadsheets may begin a file with a byte order mark, which is no part of the first name.
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        table = csv.DictReader(file, skipinitialspace=True)
+        columns = [name.strip() for name in table.fieldnames or ()]
+        missing = [name for name in CELLS if columns and name not in columns]
+        allowed = f"must have the columns {','.join(CELLS)}"
+        hint = "is it separated by commas?"
+        check(not missing, str(path), f"without {', '.join(missing)}", allowed=allowed, hint=hint)
+        table.fieldnames = columns
+        for row in table:
+            name = f"{path} row {table.line_num}"
+            beyond = row.pop(None, [])  # type: ignore[call-overload]
+            count = f"{len(columns) + len(beyond)} cells"
+            check(
+                not any(beyond), name, count, allowed=f"must be {len(columns)} cells", hint=BY_POINT
+            )
+            yield {column: read(f"{name} {column}", row[column]) for column, read in CELLS.items()}
+
+
+def poses_csv(poses: Sequence[Pose], files: Sequence[str]) -> bytes:
+    """Return the text of `poses.csv`."""
+    text = StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(CELLS)
+    for index, (pose, file) in enumerate(zip(poses, files, strict=True)):
+        rows.writerow([index, *map(float, pose.position), float(pose.heading), file])
+    return text.getvalue().encode()

@@ -1,0 +1,91 @@
+"""Walls from points: known lines come back as certain as they claim, heaps and noise do not."""
+
+import numpy as np
+import pytest
+
+from echolearn.acoustics.types import Array
+from echolearn.mapping.walls import GAP, SUPPORT, Line, fit_lines
+
+Wall = tuple[Array, Array]
+
+
+def wall(start: tuple[float, float], end: tuple[float, float], count: int, sd: float = 0.0) -> Wall:
+    """Return points along a wall that was seen from its left side, and the rays to them."""
+    a, b = np.array(start), np.array(end)
+    tangent = (b - a) / np.linalg.norm(b - a)
+    normal = np.array([tangent[1], -tangent[0]])
+    off = sd * RNG.standard_normal((count, 1))
+    points = a + np.linspace(0, 1, count)[:, None] * (b - a) + off * normal
+    return points, np.tile(normal, (count, 1))
+
+
+def fitted(*walls: Wall) -> list[Line]:
+    points, toward = (np.concatenate(part) for part in zip(*walls, strict=True))
+    return fit_lines(points, toward)
+
+
+def scattered(low: float, high: float, count: int) -> Wall:
+    """Return points all over the place, seen from everywhere."""
+    angle = RNG.uniform(-np.pi, np.pi, count)
+    return RNG.uniform(low, high, (count, 2)), np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+@pytest.fixture(autouse=True)
+def fresh() -> None:
+    """Let every test draw the same noise, whichever ran before."""
+    global RNG
+    RNG = np.random.default_rng(0)
+
+
+def test_a_wall_without_noise_is_found_exactly() -> None:
+    [line] = fitted(wall((1.0, 0.0), (5.0, 0.0), 20))
+    assert np.allclose(sorted([line.start.tolist(), line.end.tolist()]), [[1, 0], [5, 0]])
+    assert line.normal == pytest.approx(-np.pi / 2) and line.offset == pytest.approx(0, abs=1e-12)
+    assert line.points == 20 and line.rms < 1e-12
+
+
+def test_a_slanted_wall_has_its_hesse_form() -> None:
+    """x + y = 6, seen from the origin's side: normal 45 degrees, offset 6 / sqrt 2."""
+    [line] = fitted(wall((1.0, 5.0), (5.0, 1.0), 15))
+    normal = line.normal if line.offset > 0 else line.normal + np.pi
+    assert normal % (2 * np.pi) == pytest.approx(np.pi / 4)
+    assert abs(line.offset) == pytest.approx(6 / np.sqrt(2))
+
+
+def test_four_walls_of_a_room_and_stray_points_give_four_lines() -> None:
+    corners = [(0.0, 0.0), (0.0, 4.0), (6.0, 4.0), (6.0, 0.0)]  # clockwise: seen from inside
+    sides = [wall(corners[k - 1], corners[k], 25, 0.01) for k in range(4)]
+    lines = fitted(*sides, scattered(1, 3, 12))
+    assert sorted(round(abs(line.offset), 1) for line in lines) == [0.0, 0.0, 4.0, 6.0]
+    assert {line.points for line in lines} <= {24, 25, 26}
+
+
+def test_uncertainty_is_the_scatter_of_repeated_fits() -> None:
+    lines = [fitted(wall((0.0, 0.0), (0.0, 3.0), 30, 0.02))[0] for _ in range(300)]
+    centres = [(line.start + line.end)[0] / 2 for line in lines]
+    assert np.mean([line.offset_sd for line in lines]) == pytest.approx(np.std(centres), rel=0.25)
+    slopes = [np.divide(*(line.end - line.start)) for line in lines]
+    assert np.mean([line.normal_sd for line in lines]) == pytest.approx(np.std(slopes), rel=0.25)
+
+
+@pytest.mark.parametrize(("gap", "points"), [(GAP + 0.1, [8, 8]), (GAP - 0.1, [16])])
+def test_a_gap_ends_a_wall(gap: float, points: list[int]) -> None:
+    left, right = wall((0.0, 0.0), (0.0, 2.0), 8), wall((0.0, 2.0 + gap), (0.0, 6.0), 8)
+    assert [line.points for line in fitted(left, right)] == points
+
+
+def test_two_sides_of_one_partition_are_two_walls() -> None:
+    one, other = fitted(wall((0.0, 0.0), (0.0, 3.0), 10), wall((0.05, 3.0), (0.05, 0.0), 10))
+    assert np.cos(one.normal - other.normal) == pytest.approx(-1)
+
+
+def test_a_robot_that_stands_still_finds_a_heap_whose_wall_its_rays_tell() -> None:
+    points = np.array([2.0, 1.0]) + 0.01 * RNG.standard_normal((10, 2))
+    [line] = fit_lines(points, np.tile([1.0, 0.0], (10, 1)))
+    assert line.normal == pytest.approx(0.0) and line.offset == pytest.approx(2.0, abs=0.02)
+
+
+def test_few_points_and_none_are_no_wall() -> None:
+    assert fit_lines(np.empty((0, 2)), np.empty((0, 2))) == []
+    assert fitted(wall((0.0, 0.0), (3.0, 0.0), SUPPORT - 1)) == []
+    assert fitted(scattered(0, 50, 40)) == []
