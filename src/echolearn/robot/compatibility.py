@@ -49,7 +49,7 @@ def mount_angle(bundle: Bundle, *, array: MicArray, probe: Probe) -> float:
     count = len(bundle.array)
     check(len(array) == count, "microphones", len(array), allowed=f"must be {count}, the bundle's")
     angle, off = _turn(bundle.array.positions, array.positions)
-    allowed = f"must be at most {DISPLACED * 1000:g} mm from where the bundle's are, however they are turned"
+    allowed = f"must be at most {DISPLACED * 1000:g} mm from the bundle's, however they are turned"
     shown = f"one is off by {off * 1000:.1f} mm"
     check(off <= DISPLACED, "microphones", shown, allowed=allowed, hint=OTHER_ARRAY)
 
