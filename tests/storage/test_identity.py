@@ -1,0 +1,54 @@
+"""Identities: one text, one digest, and names that do not move with the code."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from echolearn.checks import BadValue
+from echolearn.storage.identity import by_short_names, canonical, digest, kind_of, plain
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | FINITE | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+def test_a_digest_is_the_sha256_of_the_canonical_text() -> None:
+    """The golden value was computed with `printf '{"a":1,"b":[0.1,null]}' | sha256sum`."""
+    assert canonical({"b": [0.1, None], "a": 1}) == b'{"a":1,"b":[0.1,null]}'
+    assert digest({"b": [0.1, None], "a": 1}) == "e4a9ad4b9681"
+
+
+@given(PLAIN)
+def test_a_digest_survives_json_and_the_order_of_keys(value: object) -> None:
+    assert digest(json.loads(json.dumps(value))) == digest(value)
+    if isinstance(value, dict):
+        assert digest(dict(reversed(value.items()))) == digest(value)
+
+
+@given(FINITE, FINITE)
+def test_different_floats_have_different_digests(a: float, b: float) -> None:
+    assert (digest(a) == digest(b)) == (repr(a) == repr(b))
+
+
+@pytest.mark.parametrize("bad", [float("nan"), {"x": float("inf")}, object(), np.zeros(2)])
+def test_what_json_cannot_hold_has_no_digest(bad: object) -> None:
+    with pytest.raises(BadValue, match="plain finite"):
+        digest(bad)
+
+
+def test_names_are_short_and_arrays_are_known_by_their_bytes() -> None:
+    """The golden value was computed with `head -c 8 /dev/zero | sha256sum`."""
+    room = {"_target_": "echolearn.acoustics.types.Room", "size": [{"_target_": "torch.nn.ReLU"}]}
+    assert by_short_names(room) == {"kind": "room", "size": [{"kind": "torch.nn.ReLU"}]}
+    assert kind_of(np.float64(1.0)) == "numpy.float64"
+    zero = {
+        "shape": [1],
+        "sha256": "af5570f5a1810b7af78caf4bc70a660f0df51e42baf91d4de5b2328de0e83dfc",
+    }
+    assert plain({"a": (np.float64(1.5), np.zeros(1))}) == {"a": [1.5, zero]}

@@ -1,0 +1,234 @@
+"""Finished folders: nothing damaged is ever read as if it were sound."""
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from echolearn.checks import BadValue
+from echolearn.storage import files, manifests
+
+ABOUT = {"rows": 10, "command": "echolearn generate plan=tiny"}
+
+Sound = tuple[Path, dict[str, bytes]]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return the bytes of every file by its name."""
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def finished(folder: Path) -> dict[str, bytes]:
+    """Make a small finished folder and return its bytes by file name."""
+    for index in range(2):
+        manifests.write_shard(folder, index, np.arange(5.0) + index)
+    files.save_json(folder / "config.json", {"plan": {"step": 0.5}})
+    manifests.finish(folder, ABOUT, ["shard-00000.npy", "shard-00001.npy", "config.json"])
+    return contents(folder)
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Sound:
+    """Return one finished folder; the tests that damage a file put it right again."""
+    folder = tmp_path_factory.mktemp("finished")
+    return folder, finished(folder)
+
+
+def test_a_finished_folder_gives_its_manifest_the_same_bytes_each_time(
+    sound: Sound, tmp_path: Path
+) -> None:
+    folder, made = sound
+    assert sorted(made) == ["config.json", "manifest.json", "shard-00000.npy", "shard-00001.npy"]
+    manifest = manifests.verify(folder)
+    assert manifest["rows"] == 10
+    assert manifest["files"]["shard-00001.npy"]["bytes"] == len(made["shard-00001.npy"])
+    assert finished(tmp_path) == made
+
+
+def damaged(sound: Sound, name: str, content: bytes) -> str:
+    """Return what `verify` says when one file of the sound folder holds `content` instead."""
+    folder, made = sound
+    (folder / name).write_bytes(content)
+    try:
+        with pytest.raises(BadValue) as caught:
+            manifests.verify(folder)
+    finally:
+        (folder / name).write_bytes(made[name])
+    assert name in str(caught.value)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data(), st.booleans())
+def test_any_flipped_bit_and_any_truncation_is_detected(
+    sound: Sound, data: st.DataObject, cut: bool
+) -> None:
+    name = data.draw(st.sampled_from(sorted(sound[1])))
+    content = bytearray(sound[1][name])
+    place = data.draw(st.integers(0, len(content) - 1))
+    content[place] ^= 1 << data.draw(st.integers(0, 7))
+    damaged(sound, name, bytes(content[:place] if cut else content))
+
+
+def test_damage_is_named_with_the_command_that_mends_it(sound: Sound) -> None:
+    said = damaged(sound, "shard-00001.npy", sound[1]["shard-00001.npy"][:-1])
+    mend = "run again: echolearn generate plan=tiny"
+    assert said.endswith(f"shard-00001.npy: damaged, 167 bytes instead of 168; {mend}")
+
+
+@pytest.mark.parametrize(
+    ("command", "own"),
+    [
+        ("echolearn train 'name=a b'", True),
+        ("echolearn train; rm -r x", False),
+        ("echolearn train\nrm", False),
+        ("echolearn 'train", False),
+        ("rm -r x", False),
+        (None, False),
+    ],
+)
+def test_only_a_command_line_of_ones_own_is_advised(command: str | None, own: bool) -> None:
+    advice = manifests.repair_hint({"command": command})
+    assert advice == (f"run again: {command}" if own else "make it again as it was made")
+
+
+def test_a_missing_file_is_damage(tmp_path: Path) -> None:
+    finished(tmp_path)
+    (tmp_path / "config.json").unlink()
+    said = r"config\.json: cannot be read \(No such file or directory\); run again: echolearn"
+    with pytest.raises(BadValue, match=said):
+        manifests.verify(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"[]", b"null", b'{"files": 3}', b"\xff", b"[" * 100_000]
+)
+def test_a_manifest_that_is_none_is_refused(sound: Sound, content: bytes) -> None:
+    damaged(sound, manifests.MANIFEST, content)
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        [],
+        {"../a": {"bytes": 1, "sha256": ""}},
+        {"/a": {"bytes": 1, "sha256": ""}},
+        {"": {"bytes": 1, "sha256": ""}},
+        {"a\0": {"bytes": 1, "sha256": ""}},
+        {"a": 3},
+        {"a": {"bytes": "1", "sha256": ""}},
+        {"a": {"bytes": True, "sha256": ""}},
+    ],
+)
+def test_a_manifest_names_files_inside_its_folder(sound: Sound, entries: object) -> None:
+    content = files.json_bytes(manifests.with_checksum({"files": entries}))
+    assert "must be bytes and sha256 of files" in damaged(sound, manifests.MANIFEST, content)
+
+
+def test_a_folder_without_manifest_is_not_finished(tmp_path: Path) -> None:
+    assert not manifests.is_finished(tmp_path)
+    with pytest.raises(BadValue, match="not finished, or not made by echolearn: there is no"):
+        manifests.verify(tmp_path)
+
+
+def test_the_largest_set_is_read_again() -> None:
+    """As many shards of a megabyte as a set may have: their entries are of equal length."""
+    name = manifests.shard_name(manifests.MOST)
+    few, more = (
+        len(
+            files.json_bytes({f"{name}{i}": {"bytes": 10**6, "sha256": 64 * "0"} for i in range(n)})
+        )
+        for n in (1, 2)
+    )
+    assert (more - few) * manifests.MOST < manifests.LARGEST
+
+
+def test_a_manifest_that_nobody_would_read_is_not_written(tmp_path: Path) -> None:
+    """What the shards are known by stays, so that nothing is lost."""
+    names = [manifests.shard_name(index) for index in range(2)]
+    for index in range(2):
+        manifests.write_shard(tmp_path, index, np.arange(5.0))
+    before = contents(tmp_path)
+    about = {"plan": "x" * 1000}
+    said = r"1\d\d\d bytes: at most 1000 bytes; it names 2 files; of a set, make plan"
+    with pytest.raises(BadValue, match=said):
+        manifests.finish(tmp_path, about, names, largest=1000)
+    assert contents(tmp_path) == before
+    size = len(files.json_bytes(manifests.finish(tmp_path, about, names)))
+    assert manifests.load_manifest(tmp_path, largest=size)["plan"] == "x" * 1000
+    with pytest.raises(BadValue, match=f"={size} bytes: at most {size - 1} bytes"):
+        manifests.load_manifest(tmp_path, largest=size - 1)
+
+
+def test_the_metrics_of_a_run_are_a_manifest_too(tmp_path: Path) -> None:
+    files.save_json(tmp_path / "config.json", {"seed": 1})
+    written = manifests.finish(tmp_path, {"auc": (0.5,)}, ["config.json"], last=manifests.METRICS)
+    assert sorted(contents(tmp_path)) == ["config.json", "metrics.json"]
+    assert manifests.verify(tmp_path) == written
+    assert written["auc"] == [0.5], "tuples become lists, as in JSON"
+    assert manifests.with_checksum(written) == written, "a checksum does not count itself"
+    content = contents(tmp_path)["metrics.json"].replace(b"0.5", b"0.7")
+    (tmp_path / manifests.METRICS).write_bytes(content)
+    said = r"metrics\.json: damaged, its SHA-256 differs; make it again as it was made$"
+    with pytest.raises(BadValue, match=said):
+        manifests.verify(tmp_path)
+
+
+# ---------------------------------------------------------------- shards
+
+
+def test_only_what_is_absent_torn_or_damaged_is_missing(tmp_path: Path) -> None:
+    paths = [tmp_path / manifests.shard_name(index) for index in range(5)]
+    for index in range(5):
+        manifests.write_shard(tmp_path, index, np.arange(8.0) * index)
+    paths[0].unlink()
+    manifests.sidecar(paths[1]).unlink()
+    paths[2].write_bytes(paths[2].read_bytes()[:-3])
+    manifests.sidecar(paths[3]).write_bytes(b"null")
+    assert manifests.missing_shards(tmp_path, 7) == [0, 1, 2, 3, 5, 6]
+
+
+def test_a_finished_set_is_mended_by_redoing_the_damaged_shard_alone(tmp_path: Path) -> None:
+    before = finished(tmp_path)
+    assert manifests.missing_shards(tmp_path, 2) == []
+    (tmp_path / "shard-00001.npy").write_bytes(before["shard-00001.npy"][:-1] + b"\x01")
+    assert manifests.missing_shards(tmp_path, 2) == [1]
+    manifests.write_shard(tmp_path, 1, np.arange(5.0) + 1)
+    manifests.finish(tmp_path, ABOUT, sorted(set(before) - {manifests.MANIFEST}))
+    assert contents(tmp_path) == before
+
+
+SHARDS = """
+import sys
+from pathlib import Path
+import numpy as np
+from echolearn.storage import manifests
+
+print("start", flush=True)
+for index in range(400):
+    manifests.write_shard(Path(sys.argv[1]), index, np.full(200, index))
+"""
+
+
+@settings(max_examples=4, deadline=None)
+@given(st.floats(0.0, 0.25))
+def test_sigkill_at_any_moment_never_leaves_a_shard_that_counts_but_is_wrong(delay: float) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        command = [sys.executable, "-c", SHARDS, name]
+        with subprocess.Popen(command, text=True, stdout=subprocess.PIPE) as writer:
+            assert writer.stdout is not None
+            writer.stdout.readline()
+            time.sleep(delay)
+            writer.kill()
+        files.clean(Path(name))
+        for index in set(range(400)) - set(manifests.missing_shards(Path(name), 400)):
+            found = np.load(Path(name) / manifests.shard_name(index))
+            np.testing.assert_array_equal(found, np.full(200, index))
+        assert not list(Path(name).glob(".*.tmp"))

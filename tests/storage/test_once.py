@@ -1,0 +1,149 @@
+"""A thing is made once, by one process and one thread at a time, whoever is killed meanwhile."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from echolearn.checks import BadValue
+from echolearn.storage.files import clean
+from echolearn.storage.once import locked, once, presence
+
+
+def python(code: str, path: Path) -> subprocess.Popen[str]:
+    """Start a Python process that knows a path."""
+    code = f"""
+import os, sys, time
+from pathlib import Path
+from echolearn.storage.once import locked, presence
+path = Path(sys.argv[1])
+{code}"""
+    return subprocess.Popen(
+        [sys.executable, "-c", code, str(path)], text=True, stdout=subprocess.PIPE
+    )
+
+
+def count(path: Path) -> None:
+    """Add one to the number in a file, a hundred times."""
+    for _ in range(100):
+        with locked(path):
+            path.write_text(str(int(path.read_text()) + 1))
+
+
+COUNT = """
+for _ in range(100):
+    with locked(path):
+        path.write_text(str(int(path.read_text()) + 1))
+"""
+
+
+def test_processes_and_threads_change_a_file_one_at_a_time(tmp_path: Path) -> None:
+    path = tmp_path / "count"
+    path.write_text("0")
+    counting = [python(COUNT, path) for _ in range(2)]
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(count, [path] * 2))
+    assert [process.wait() for process in counting] == [0, 0]
+    assert path.read_text() == "400"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+HOLD = """
+with locked(path):
+    if os.fork() == 0:
+        os.setsid()
+        time.sleep(5)  # a worker that outlives it
+        os._exit(0)
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_whoever_waits_says_so_once_and_comes_next_when_the_holder_is_killed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "new" / "folder"
+    with python(HOLD, path) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        began = time.monotonic()
+        threading.Timer(0.3, holder.kill).start()
+        with locked(path, waiting="waiting for another"):
+            assert holder.wait() == -signal.SIGKILL
+            assert time.monotonic() - began < 4, "its child holds nothing"
+            assert [path.name for path in path.parent.iterdir()] == [".folder.lock"]
+    with locked(path, waiting="never said"):
+        assert not path.exists()
+    assert list(path.parent.iterdir()) == []
+    assert capfd.readouterr().err == "waiting for another\n"
+
+
+def test_an_error_inside_lets_the_next_in_and_leaves_nothing(tmp_path: Path) -> None:
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt), locked(tmp_path / "a"), locked(tmp_path / "b"):
+            raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    said = r"/\.b\.lock: cannot be written \(.+\); is the folder the right one\?$"
+    with pytest.raises(BadValue, match=said), locked(tmp_path / "file" / "b"):
+        pass
+
+
+def test_a_thing_is_made_once_whoever_comes_second(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    made: list[int] = []
+    begun = threading.Event()
+
+    def make() -> int:
+        begun.set()
+        time.sleep(0.2)
+        made.append(1)
+        return 1
+
+    def ask(_: int) -> int:
+        return once(
+            tmp_path / "thing",
+            finished=lambda: made[0] if made else None,
+            make=make,
+            doing="makes it",
+        )
+
+    with ThreadPoolExecutor() as pool:
+        first = pool.submit(ask, 0)
+        begun.wait()
+        assert ask(1) == first.result() == ask(2) == 1
+    assert made == [1]
+    assert capfd.readouterr().err == "thing: waiting for another command that makes it\n"
+
+
+PRESENT = """
+with presence(path):
+    print("here", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_presence_lasts_as_long_as_its_process(tmp_path: Path) -> None:
+    place = tmp_path / "data"
+    with presence(place) as mark:
+        clean(place)
+        assert mark.is_file()
+    assert not place.exists(), "nothing came of it"
+
+    with python(PRESENT, place) as holder:
+        assert holder.stdout is not None
+        holder.stdout.readline()
+        os.kill(holder.pid, signal.SIGKILL)
+    [mark] = place.iterdir()
+    clean(place)
+    assert not mark.exists()
