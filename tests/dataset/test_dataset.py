@@ -21,7 +21,7 @@ from echolearn.acoustics.types import Array, Observation, Pose, Room
 from echolearn.checks import BadValue
 from echolearn.dataset import generate as generation
 from echolearn.dataset.generate import folder_of, generate
-from echolearn.dataset.labelled_set import Dataset
+from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.dataset.plans import GridPlan, ScatteredPlan, Spot
 from echolearn.dataset.records import labels as labels_of
 from echolearn.dataset.records import records
@@ -565,7 +565,7 @@ def large(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
         table = np.empty(len(numbers), dtype=[("number", "i8"), ("covariance", "f4", (64, 64))])
         table["number"], table["covariance"] = numbers, numbers[:, None, None]
         manifests.write_shard(folder, shard, table)
-    manifests.finish(folder, {"kind": "set", "rows": rows, "plan": {"name": "large"}}, names)
+    manifests.finish(folder, {"kind": "set", "format": FORMAT, "rows": rows, "plan": {"name": "large"}}, names)
     return Dataset(folder)
 
 

@@ -74,7 +74,7 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
         rows = len(plan) * plan.localizer.echoes
         about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
         names = map(manifests.shard_name, range(count))
-        manifests.finish(folder, about | manifests.made_by(command), names)
+        manifests.finish(folder, about | manifests.command_entry(command), names)
     return folder
 
 
