@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
-from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.storage.identity import canonical
 
@@ -99,7 +99,7 @@ def clean(folder: Path) -> None:
             left.unlink()
 
 
-def save_array(path: Path, array: Array) -> None:
+def save_array(path: Path, array: NDArray[Any]) -> None:
     """Write an array as `.npy`, atomically and without pickle."""
     buffer = BytesIO()
     np.save(buffer, array, allow_pickle=False)
@@ -128,7 +128,7 @@ def load_json(path: Path) -> Any:
         raise BadValue(f"{path}: cannot be read as JSON ({one_line(error)}); {MEND}") from None
 
 
-def open_array(path: Path, *, size: int, sha256: str, mend: str = MEND) -> Array:
+def open_array(path: Path, *, size: int, sha256: str, mend: str = MEND) -> NDArray[Any]:
     """Map an `.npy` file into memory, read-only, after checking that it is whole.
 
     Args:
@@ -147,7 +147,7 @@ def open_array(path: Path, *, size: int, sha256: str, mend: str = MEND) -> Array
         raise BadValue(f"{path}: not a plain array ({one_line(error)}); {mend}") from None
 
 
-def let_go(array: Array) -> None:
+def let_go(array: NDArray[Any]) -> None:
     """Give the pages of a memory-mapped array back to the system; a later look maps them anew."""
     mapping = getattr(array, "_mmap", None)
     if mapping is not None and hasattr(mmap, "MADV_DONTNEED"):

@@ -20,7 +20,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from echolearn.acoustics.types import Array
+from numpy.typing import NDArray
+
 from echolearn.checks import BadValue, check
 from echolearn.storage.files import (
     MEND,
@@ -221,7 +222,7 @@ def sidecar(path: Path) -> Path:
     return Path(path).with_suffix(".json")
 
 
-def write_shard(folder: Path, index: int, array: Array) -> None:
+def write_shard(folder: Path, index: int, array: NDArray[Any]) -> None:
     """Write one shard, and then its size and checksum beside it."""
     path = Path(folder) / shard_name(index)
     save_array(path, array)
