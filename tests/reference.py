@@ -5,19 +5,45 @@ m/s throughout.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
-from echolearn.acoustics.types import Array
+from echolearn.acoustics.geometry import SearchWindow, circular_array
+from echolearn.acoustics.types import Array, MicArray, Observation, Probe
 from echolearn.bench.equations import delays, padded, shift
 
 SPEED = 343.0
+RATE = 22050.0
+RING = circular_array()
+FIRST, LAST = SearchWindow().lags(RING, RATE)
 
 
 def plane_wave(source: Array, positions: Array, azimuth: float, *, rate: float) -> Array:
-    """Return what microphones (M, 3) hear of a plane wave that passes the origin as `source` (N,),
-    shape (M, N)."""
+    """Return what microphones (M, 3) record of a plane wave that passes the origin as `source`."""
     return np.stack([shift(source, delay * rate) for delay in delays(positions, azimuth)])
+
+
+def wave(probe: Probe, azimuth: float, lag: float, gain: float = 0.1) -> Array:
+    """Return the ring's recordings (M, N) of an echo that reaches microphone 1 after `lag`."""
+    early = delays(RING.positions, azimuth)[0] * RATE
+    source = gain * shift(padded(probe.samples, probe.length), lag - early)
+    return plane_wave(source, RING.positions, azimuth, rate=RATE)
+
+
+def white(probe: Probe, level: float, seed: int = 0) -> Array:
+    """Return white noise at the ring, as long as a recording, shape (M, N)."""
+    return level * np.random.default_rng(seed).standard_normal((len(RING), probe.length))
+
+
+def observed(probe: Probe, *samples: Array, array: MicArray = RING, **known: Any) -> Observation:
+    """Return recordings (M, N) as a batch."""
+    return Observation(np.stack(samples), probe, array, **known)
+
+
+def turn(angle: Array | float) -> Array:
+    """Return angles between -pi and pi."""
+    return np.angle(np.exp(1j * np.asarray(angle)))
 
 
 def images(size: tuple[float, ...], position: Array) -> list[Array]:
@@ -41,9 +67,7 @@ def microphones(positions: Array, place: Array, heading: float) -> Array:
 def echo(
     burst: Array, image: Array, microphone: Array, *, strength: float, rate: float, length: int
 ) -> Array:
-    """Return the burst as it comes from one image to one microphone: strength / (4 pi d), d/c late,
-    shape (length,)."""
+    """Return the burst from one image at one microphone: strength / (4 pi d), d/c late, (length,)."""
     distance = float(np.linalg.norm(image - microphone))
-    return (
-        strength / (4 * math.pi * distance) * shift(padded(burst, length), distance / SPEED * rate)
-    )
+    late = shift(padded(burst, length), distance / SPEED * rate)
+    return strength / (4 * math.pi * distance) * late

@@ -138,6 +138,11 @@ class Probe:
         hint = "the recording must hold the burst"
         check_whole("probe.length", self.length, low=len(self.samples), unit="samples", hint=hint)
 
+    @property
+    def energy(self) -> float:
+        """||s||^2."""
+        return float(np.sum(np.square(self.samples)))
+
 
 @dataclass(frozen=True)
 class Pose:

@@ -16,7 +16,7 @@ from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.types import Array, Observation
 from echolearn.bench import equations as literal
 from echolearn.bench.measurement import Measurement, Setting, heard, times
-from echolearn.localization.beamforming import azimuth_grid, mpdr_spectrum
+from echolearn.localization.beamforming import Mpdr, azimuth_grid
 from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.runtime.progress import track
@@ -76,7 +76,7 @@ def parts(setting: Setting, whole: Observation) -> Iterator[Measurement]:
     window, equations = setting.plan.window, Equations(setting.plan, first(whole, 1))
     searches: dict[str, tuple[Callable[[], object], Callable[[Equations], object]]] = {
         "S-NLS, time only": (lambda: MatchedFilter(whole, window).strongest, earliest),
-        "SRP-MPDR, direction only": (lambda: mpdr_spectrum(whole), loudest),
+        "SRP-MPDR, direction only": (lambda: Mpdr()(whole), loudest),
     }
     for name, (search, work) in searches.items():
         own = Contestant(search, units=len(whole.samples))

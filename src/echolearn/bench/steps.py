@@ -94,7 +94,7 @@ def estimating(plan: Plan, observation: Observation, place: Path) -> Iterator[St
         lambda: np.einsum("bmft,bnft->bfmn", spectra, spectra.conj()) / spectra.shape[-1],
     )
     yield "inverse", lambda: beamforming.invert(loaded), lambda: np.linalg.inv(loaded)
-    yield "MPDR spectrum", lambda: beamforming.mpdr_spectrum(observation, covariances=whole), None
+    yield "MPDR spectrum", lambda: beamforming.Mpdr()(observation, whole), None
     yield "all features", lambda: features.describe(fresh(plan, observation), echoes), None
     yield "writing", lambda: manifests.write_shard(place, 0, table), lambda: unproved(place, table)
 

@@ -13,7 +13,7 @@ A Hermitian matrix is packed into M*M reals: the diagonal, then real and imagina
 upper triangle, so that quadratic forms of a whole block are one real matrix product per bin.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -54,13 +54,14 @@ def regularize(covariances: Array, gamma: float) -> Array:
     """Return (1 - gamma) R + gamma tr(R)/M I (Eq. 18); an all-zero R becomes a tiny identity."""
     microphones = covariances.shape[-1]
     level = np.trace(covariances, axis1=-2, axis2=-1).real[..., None, None] / microphones
+    # Silence must have an inverse too, and a finite one.
     tiny = np.finfo(level.dtype).tiny ** 0.5
     identity = np.eye(microphones, dtype=level.dtype)
     return (1.0 - gamma) * covariances + (gamma * level + tiny) * identity
 
 
 def pack_hermitian(matrices: Array) -> Array:
-    """Return Hermitian matrices (..., M, M) as M*M reals: diagonal, upper real and imaginary parts."""
+    """Return Hermitian matrices (..., M, M) as reals (..., M*M), see the module's header."""
     upper = np.triu_indices(matrices.shape[-1], 1)
     above = matrices[..., upper[0], upper[1]]
     diagonal = np.diagonal(matrices, axis1=-2, axis2=-1).real
@@ -68,17 +69,12 @@ def pack_hermitian(matrices: Array) -> Array:
 
 
 def pack_steering(vectors: Array) -> Array:
-    """Return weights w (..., M*M) for steering vectors d (..., M): w . pack_hermitian(R) = d^H R d."""
+    """Return w (..., M*M) of steering vectors d (..., M): w . pack_hermitian(R) = d^H R d."""
     packed = pack_hermitian(vectors.conj()[..., :, None] * vectors[..., None, :])
     microphones = vectors.shape[-1]
     # Each element above the diagonal stands for its mirror image too.
     half = microphones * (microphones - 1) // 2
     return packed * np.repeat([1.0, 2.0, -2.0], [microphones, half, half])
-
-
-def quadratic(matrices: Array, weights: Array) -> Array:
-    """Return d^H R d per bin, shape (F, B, A), for R (B, F, M, M) and packed steering (F, M*M, A)."""
-    return np.moveaxis(pack_hermitian(matrices), -2, 0) @ weights
 
 
 def invert(hermitian: Array) -> Array:
@@ -128,59 +124,55 @@ def mpdr_power(covariances: Array, weights: Array, *, gamma: float) -> Array:
         weights: packed steering, shape (F, M*M, A), from `steering_weights`.
         gamma: regularisation of Eq. 18.
     """
-    return np.sum(1.0 / quadratic(invert(regularize(covariances, gamma)), weights), axis=0)
+    inverse = pack_hermitian(invert(regularize(covariances, gamma)))
+    return np.sum(1.0 / (np.moveaxis(inverse, -2, 0) @ weights), axis=0)
 
 
-def mpdr_spectrum(
-    observation: Observation,
-    *,
-    azimuths: int = 180,
-    elevations: int = 1,
-    gamma: float = 0.1,
-    covariances: Array | None = None,
-) -> Array:
-    """Return the whole-recording SRP-MPDR power over directions (Eq. 16), shape (B, A), float32.
+@dataclass(frozen=True)
+class Mpdr:
+    """Whole-recording SRP-MPDR over a grid of directions.
 
-    Args:
-        observation: recordings (B, M, N).
-        azimuths, elevations: sizes of `direction_grid`.
-        gamma: regularisation of Eq. 18.
-        covariances: `recording_covariance` of the observation, if it is known already.
-    """
-    if covariances is None:
-        covariances = recording_covariance(observation)
-    weights = steering_weights(
-        observation.array,
-        azimuths=azimuths,
-        elevations=elevations,
-        sample_rate=observation.probe.sample_rate,
-        speed_of_sound=observation.speed_of_sound,
-    )
-    return mpdr_power(covariances, weights, gamma=gamma)
-
-
-def mpdr_spectrum_without(
-    observation: Observation, silent: Array, *, azimuths: int, elevations: int, gamma: float
-) -> Array:
-    """Return `mpdr_spectrum` with the silent microphones of each recording left out.
-
-    Args:
-        observation: recordings (B, M, N).
-        silent: which microphones to leave out, shape (B, M), bool.
+    Attributes:
         azimuths, elevations: sizes of `direction_grid`.
         gamma: regularisation of Eq. 18.
     """
-    grid = {"azimuths": azimuths, "elevations": elevations}
-    if not silent.any():
-        return mpdr_spectrum(observation, **grid, gamma=gamma)
-    power = np.empty((len(silent), azimuths * elevations), dtype=np.float32)
-    # Recordings with the same microphones are a block of their own.
-    for pattern in np.unique(silent, axis=0):
-        rows = (silent == pattern).all(axis=-1)
-        fewer = replace(
-            observation,
-            samples=observation.samples[rows][:, ~pattern],
-            array=MicArray(observation.array.positions[~pattern]),
+
+    azimuths: int = 180
+    elevations: int = 1
+    gamma: float = 0.1
+
+    @property
+    def directions(self) -> tuple[Array, Array]:
+        """Azimuths and elevations, each of shape (A,), in rad."""
+        return direction_grid(self.azimuths, self.elevations)
+
+    def __call__(self, observation: Observation, covariances: Array | None = None) -> Array:
+        """Return the power over directions (Eq. 16), shape (B, A), float32.
+
+        Args:
+            observation: recordings (B, M, N).
+            covariances: `recording_covariance` of them, if it is known already.
+        """
+        if covariances is None:
+            covariances = recording_covariance(observation)
+        weights = steering_weights(
+            observation.array,
+            azimuths=self.azimuths,
+            elevations=self.elevations,
+            sample_rate=observation.probe.sample_rate,
+            speed_of_sound=observation.speed_of_sound,
         )
-        power[rows] = mpdr_spectrum(fewer, **grid, gamma=gamma)
-    return power
+        return mpdr_power(covariances, weights, gamma=self.gamma)
+
+    def without(self, observation: Observation, silent: Array) -> Array:
+        """Return the power with the silent microphones (B, M) of each recording left out."""
+        if not silent.any():
+            return self(observation)
+        power = np.empty((len(silent), self.azimuths * self.elevations), dtype=np.float32)
+        # Recordings with the same microphones are a block of their own.
+        for pattern in np.unique(silent, axis=0):
+            rows = (silent == pattern).all(axis=-1)
+            samples = observation.samples[rows][:, ~pattern]
+            array = MicArray(observation.array.positions[~pattern])
+            power[rows] = self(replace(observation, samples=samples, array=array))
+        return power

@@ -6,22 +6,27 @@ steps and of what is its own.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.types import Array, Echoes, MicArray
-from echolearn.localization import beamforming, correlations, faults
+from echolearn.localization import correlations, faults
+from echolearn.localization.beamforming import Mpdr, azimuth_grid
 from echolearn.localization.matched_filter import MatchedFilter, check_extent
 from echolearn.localization.relax import relax
 from echolearn.localization.search import Peak, Search
 
 FINER = 4
-"""Points per lag at which one whitened recording is searched, see `search.Search`."""
+"""Points per lag at which whitened recordings of one microphone are searched."""
+
+FINER_JOINT = 2
+"""The same of all microphones, where a crest that one has missed is met at another."""
 
 
 def joint_search(
-    matched: MatchedFilter, *, weights: Array | None = None, refine: bool = True, finer: int = 1
+    matched: MatchedFilter, *, weights: Array | None = None, refine: bool = True
 ) -> Search:
     """Return the search of J over all microphones.
 
@@ -29,7 +34,6 @@ def joint_search(
         matched: recordings.
         weights: of the microphones, shape (B, M); 1, and 0 for silent ones, unless given.
         refine: climb between the points of the grid.
-        finer: points of the grid per lag.
     """
     check_extent(matched)
     if weights is None:
@@ -40,20 +44,14 @@ def joint_search(
         matched.directions,
         matched.scale,
         weights,
-        observation.probe.samples,
-        refine=refine,
-        finer=finer,
+        observation.probe,
+        refine,
+        FINER_JOINT if matched.white else 1,
     )
 
 
-def reference_search(matched: MatchedFilter, *, refine: bool = True, finer: int = 1) -> Search:
-    """Return the search of r_1, the matched filter of microphone 1 alone.
-
-    Args:
-        matched: recordings.
-        refine: climb between the points of the grid.
-        finer: points of the grid per lag.
-    """
+def reference_search(matched: MatchedFilter, *, refine: bool = True) -> Search:
+    """Return the search of r_1, the matched filter of microphone 1 alone."""
     observation = matched.observation
     anywhere = np.zeros(1)
     return Search(
@@ -61,9 +59,9 @@ def reference_search(matched: MatchedFilter, *, refine: bool = True, finer: int 
         (anywhere, anywhere),
         matched.scale,
         np.ones((len(observation.samples), 1)),
-        observation.probe.samples,
-        refine=refine,
-        finer=finer,
+        observation.probe,
+        refine,
+        FINER if matched.white else 1,
     )
 
 
@@ -103,6 +101,7 @@ def joint_echoes(matched: MatchedFilter, search: Search, peaks: Sequence[Peak]) 
         delays = np.rint(search.delays(peak[:3])).astype(int)
         index = np.clip(delays, 0, matched.last - matched.first)
         energy = np.take_along_axis(matched.energy, index[..., None], axis=-1)[..., 0]
+        # The largest J that a recording of that energy could have: Cauchy-Schwarz.
         share = search.share(peak.azimuth, peak.elevation)
         largest = share * (search.weights * energy).sum(axis=-1) * matched.probe_energy
         score = peak.height / np.sqrt(np.where(largest > 0, largest, np.inf))
@@ -118,8 +117,11 @@ def _strongest_first(columns: Array) -> Array:
 
 
 def echoes_at(matched: MatchedFilter, index: Array) -> Echoes:
-    """Return echoes at lag indices (B, R) of microphone 1, directions unknown."""
-    return _without_directions(matched.toa(index), matched.score(index), matched.gain(index))
+    """Return echoes at lag indices (B, R) of microphone 1 (Eq. 11), directions unknown."""
+    height = np.take_along_axis(matched.correlation[:, 0], index, axis=-1)
+    energy = np.take_along_axis(matched.energy[:, 0], index, axis=-1)
+    score = height / np.sqrt(np.maximum(energy * matched.probe_energy, 1e-30))
+    return _without_directions(matched.toa(index), score, height / matched.probe_energy)
 
 
 def _without_directions(toa: Array, score: Array, gain: Array) -> Echoes:
@@ -127,29 +129,21 @@ def _without_directions(toa: Array, score: Array, gain: Array) -> Echoes:
     return Echoes(toa, score, gain, unknown, unknown, unknown)
 
 
-def reference_echoes(matched: MatchedFilter, echoes: int, *, fine: bool = False) -> Echoes:
-    """Return times, scores and gains at microphone 1, fields (B, R), directions unknown.
+def reference_echoes(matched: MatchedFilter, echoes: int) -> Echoes:
+    """Return times, scores and gains of R echoes at microphone 1, directions unknown, (B, R).
 
-    S-NLS on whole samples; with R > 1, or where asked to be fine, RELAX between them.
-
-    Args:
-        matched: recordings.
-        echoes: R.
-        fine: look between samples even for one echo.
+    S-NLS on whole samples; with R > 1, or for whitened recordings, RELAX between them.
     """
-    if echoes == 1 and not fine:
+    if echoes == 1 and not matched.white:
         return echoes_at(matched, matched.strongest[:, None])
-    search = reference_search(matched, finer=FINER if fine else 1)
-    peaks = strongest_peaks(matched, search, echoes=echoes)
+    peaks = strongest_peaks(matched, reference_search(matched), echoes=echoes)
     lag, _, _, gain, _ = _strongest_first(np.stack(peaks, axis=-1))
     under = np.take_along_axis(matched.energy[:, 0], np.rint(lag).astype(int), axis=-1)
     score = gain * np.sqrt(matched.probe_energy / np.where(under > 0, under, np.inf))
     return _without_directions(matched.toa(lag), np.clip(score, -1.0, 1.0), gain)
 
 
-def mpdr_echoes(
-    matched: MatchedFilter, times: Echoes, *, azimuths: int, gamma: float, elevations: int = 1
-) -> Echoes:
+def mpdr_echoes(matched: MatchedFilter, times: Echoes, *, mpdr: Mpdr) -> Echoes:
     """Return echoes (B, R) with the directions of the highest peaks of the whole-recording MPDR.
 
     Several echoes share the R highest peaks, each direction once.
@@ -157,23 +151,20 @@ def mpdr_echoes(
     Args:
         matched: recordings.
         times: the echoes, directions unknown, fields (B, R).
-        azimuths, elevations: sizes of `beamforming.direction_grid`.
-        gamma: regularisation of the covariance (Eq. 18).
+        mpdr: the beamformer.
     """
-    power = beamforming.mpdr_spectrum_without(
-        matched.observation,
-        matched.silent,
-        azimuths=azimuths,
-        elevations=elevations,
-        gamma=gamma,
-    )
+    power = mpdr.without(matched.observation, matched.silent)
     best = power.argmax(axis=-1)[:, None]
     echoes = times.toa.shape[-1]
     if echoes > 1:
         best = assign(matched, times.toa, summits=summits(power, echoes))
-    azimuth, elevation = (a[best] for a in beamforming.direction_grid(azimuths, elevations))
-    steered = np.take_along_axis(power, best, axis=-1).astype(float)
-    return Echoes(times.toa, times.score, times.gain, azimuth, elevation, steered)
+    azimuth, elevation = mpdr.directions
+    return replace(
+        times,
+        azimuth=azimuth[best],
+        elevation=elevation[best],
+        power=np.take_along_axis(power, best, axis=-1).astype(float),
+    )
 
 
 def summits(power: Array, count: int) -> Array:
@@ -181,6 +172,7 @@ def summits(power: Array, count: int) -> Array:
 
     Where there are fewer, the highest is repeated.
     """
+    # A plateau counts once, at its beginning.
     local = (power > np.roll(power, 1, axis=-1)) & (power >= np.roll(power, -1, axis=-1))
     height = np.where(local, power, -np.inf)
     order = np.argsort(-height, axis=-1, kind="stable")[:, :count]
@@ -198,7 +190,7 @@ def assign(matched: MatchedFilter, toa: Array, *, summits: Array) -> Array:
         toa: times of arrival, shape (B, R), in s.
         summits: directions to choose from, indices of the azimuth grid, shape (B, R).
     """
-    azimuth = beamforming.azimuth_grid(matched.azimuths)[summits]
+    azimuth = azimuth_grid(matched.azimuths)[summits]
     eta = matched.eta(direction(azimuth, np.pi / 2))
     steered = correlations.advance(matched.padded, eta).sum(axis=-2)
     index = matched.index(toa)[:, None, :] + correlations.PAD

@@ -54,6 +54,7 @@ def check_recordings(
         allowed=f"echoes must arrive within the recording of {length} samples",
         hint="the recording is too short, or its sample rate is not the probe's",
     )
+    # A sum of squares is finite only if all samples are, and takes no array of their size.
     check(
         bool(np.isfinite(energies(samples)).all()),
         "observation.samples",
@@ -90,6 +91,7 @@ def check_clipping(samples: Array) -> None:
     """Raise `BadValue` if a channel of `samples` (B, M, N) has more than `CLIPPED` at the rails."""
     magnitude = np.abs(samples)
     rail = magnitude.max(axis=-1, keepdims=True)
+    # PCM of few bits repeats its extremes too, but not for a hundredth of the time.
     clipped = (np.mean(magnitude >= rail, axis=-1) > CLIPPED) & ~stuck(samples)
     if not clipped.any():
         return
@@ -105,7 +107,8 @@ def check_clipping(samples: Array) -> None:
 
 
 def energies(samples: Array) -> Array:
-    """Return the energy of each recording (B, M, N), shape (B, M); not finite if a sample is not."""
+    """Return the energy of recordings (B, M, N), shape (B, M), not finite if a sample is not."""
+    # Who calls asks whether it is finite: a warning would say it twice.
     with np.errstate(over="ignore", invalid="ignore"):
         return np.vecdot(samples, samples)
 

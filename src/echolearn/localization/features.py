@@ -2,33 +2,33 @@
 
 Columns marked (g) change with the gain of the recording; the others are dimensionless.
 
-| column          | unit | meaning                                                                             |
-|-----------------|------|-------------------------------------------------------------------------------------|
-| toa             | s    | estimated time of arrival at microphone 1                                           |
-| score           | 1    | normalised correlation of microphone 1 with the probe at toa                        |
-| peak_to_rms     | 1    | r_1(toa) over the rms of r_1 in the search window                                   |
-| second_to_first | 1    | second highest peak of r_1, at least 5 lags away, over r_1(toa)                     |
-| gain            | (g)  | amplitude of the echo (Eq. 11)                                                      |
-| gain_delay      | m (g)| 4 pi c toa gain: a wall's reflection coefficient if loudspeaker and gain are known   |
-| power           | dB(g)| whole-recording MPDR beam power, the paper's second feature (Eq. 16)                |
-| power_ratio     | dB   | that power over its mean over azimuth                                               |
-| coherence       | 1    | (sum_m a_m)^2 / (M sum_m a_m^2), a_m = r_m(toa + eta_m(doa)); 1 is a plane wave      |
-| joint           | 1    | J(toa, doa) over the rms of J in the window                                         |
-| joint_max       | 1    | maximum of J over the same rms                                                      |
-| joint_ratio     | 1    | J(toa, doa)     over the maximum of J                                               |
-| joint_score     | 1    | J(toa, doa)     as a normalised correlation over all microphones                    |
-| joint_lag       | samples | |toa - time of the maximum of J|                                                 |
-| gated_ratio     | dB   | gated power at the doa over its mean over directions                                |
-| azimuth, elevation | rad | direction the localizer chose                                                     |
-| azimuth_mpdr    | rad  | direction of the whole-recording MPDR (the paper's)                                 |
+| column          | unit | meaning |
+|---|---|---|
+| toa             | s    | estimated time of arrival at microphone 1 |
+| score           | 1    | normalised correlation of microphone 1 with the probe at toa |
+| peak_to_rms     | 1    | r_1(toa) over the rms of r_1 in the search window |
+| second_to_first | 1    | second highest peak of r_1, at least 5 lags away, over r_1(toa) |
+| gain            | (g)  | amplitude of the echo (Eq. 11) |
+| gain_delay      | m (g)| 4 pi c toa gain: a wall's reflection coefficient if gains are known |
+| power           | dB(g)| whole-recording MPDR beam power, the paper's second feature (Eq. 16) |
+| power_ratio     | dB   | that power over its mean over azimuth |
+| coherence       | 1    | (sum_m a_m)^2 / (M sum_m a_m^2) of a_m = r_m(toa + eta_m(doa)) |
+| joint           | 1    | J(toa, doa) over the rms of J in the window |
+| joint_max       | 1    | maximum of J over the same rms |
+| joint_ratio     | 1    | J(toa, doa) over the maximum of J |
+| joint_score     | 1    | J(toa, doa) as a normalised correlation over all microphones |
+| joint_lag       | samples | |toa - time of the maximum of J| |
+| gated_ratio     | dB   | gated power at the doa over its mean over directions |
+| azimuth, elevation | rad | direction the localizer chose |
+| azimuth_mpdr    | rad  | direction of the whole-recording MPDR (the paper's) |
 
 Tensors are (COVARIANCE_BANDS, M*M) packed Hermitian matrices (`beamforming.pack_hermitian`),
 each band scaled to trace M: `covariance` of the whole recording, `covariance_gated` of the
-matched-filter outputs around the echo, `covariance_steered` the same after steering to the estimated direction, so that an echo from
-there is all ones whatever its direction.
+matched-filter outputs around the echo, `covariance_steered` the same after steering to the
+estimated direction, so that an echo from there is all ones whatever its direction.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import fields
 
 import numpy as np
@@ -88,60 +88,50 @@ def describe(
         names: what is wanted; what is costly and only good for others is not computed, though some
             may come along.
     """
-    whole = recording_columns(matched, names)
+    beams, tensor = recording_columns(matched, names)
     each = []
     for r, view in enumerate(separate(matched, echoes)):
         one = Echoes(*(getattr(echoes, field.name)[:, r] for field in fields(Echoes)))
-        each.append(echo_columns(view, one, whole=whole, names=names))
+        # Their order is that of the columns in the files of sets.
+        columns = echo_columns(view, one) | beams
+        index = view.index(one.toa)
+        toward = direction(one.azimuth, one.elevation)
+        columns |= steered_columns(view, index, toward=toward) | tensor
+        if not {"covariance_gated", "covariance_steered"}.isdisjoint(names):
+            columns |= gated_covariances(view, index, toward=toward)
+        each.append(columns)
     return {
         name: np.stack([columns[name] for columns in each], axis=1).reshape(-1, *first.shape[1:])
         for name, first in each[0].items()
     }
 
 
-def recording_columns(matched: MatchedFilter, names: Collection[str]) -> dict[str, Array]:
-    """Return what speaks of the whole recording, for B observations, of what `names` want."""
+def recording_columns(
+    matched: MatchedFilter, names: Collection[str]
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return the columns of the beam and the tensor of whole recordings, if `names` want them."""
     beams = not {"power", "power_ratio", "azimuth_mpdr"}.isdisjoint(names)
     tensor = "covariance" in names
-    found: dict[str, Array] = {}
-    if beams or tensor:
-        covariances = beamforming.recording_covariance(matched.observation)
-    if beams:
-        found |= beam_columns(matched, covariances)
-    if tensor:
-        found["covariance"] = band_average(covariances)
-    return found
+    if not (beams or tensor):
+        return {}, {}
+    covariances = beamforming.recording_covariance(matched.observation)
+    return (
+        beam_columns(matched, covariances) if beams else {},
+        {"covariance": band_average(covariances)} if tensor else {},
+    )
 
 
-def echo_columns(
-    matched: MatchedFilter, echo: Echoes, *, whole: Mapping[str, Array], names: Collection[str]
-) -> dict[str, Array]:
-    """Return the description of one echo per observation.
-
-    Args:
-        matched: matched-filter view of B observations.
-        echo: of each, fields (B,).
-        whole: what is known of the whole recordings.
-        names: what is wanted.
-    """
-    index = matched.index(echo.toa)
-    toward = direction(echo.azimuth, echo.elevation)
-    # Their order is that of the columns in the files of sets.
-    known = {
+def echo_columns(matched: MatchedFilter, echo: Echoes) -> dict[str, Array]:
+    """Return the columns of one echo per observation, fields (B,), at microphone 1."""
+    return {
         "toa": echo.toa,
         "score": echo.score,
         "gain": echo.gain,
         "gain_delay": 4 * np.pi * matched.observation.speed_of_sound * echo.toa * echo.gain,
         "azimuth": echo.azimuth,
         "elevation": echo.elevation,
-        **peak_columns(matched.correlation[:, 0], index),
+        **peak_columns(matched.correlation[:, 0], matched.index(echo.toa)),
     }
-    tensor = {name: whole[name] for name in TENSORS if name in whole}
-    beams = {name: value for name, value in whole.items() if name not in tensor}
-    known |= beams | steered_columns(matched, index, toward=toward) | tensor
-    if not {"covariance_gated", "covariance_steered"}.isdisjoint(names):
-        known |= gated_covariances(matched, index, toward=toward)
-    return known
 
 
 def peak_columns(correlation: Array, index: Array) -> dict[str, Array]:
@@ -155,15 +145,13 @@ def peak_columns(correlation: Array, index: Array) -> dict[str, Array]:
 
 def beam_columns(matched: MatchedFilter, covariances: Array) -> dict[str, Array]:
     """Return the columns of the whole-recording MPDR beam, from covariances (B, F, M, M)."""
-    azimuths = matched.azimuths
-    spectrum = beamforming.mpdr_spectrum(
-        matched.observation, azimuths=azimuths, covariances=covariances
-    )
+    mpdr = beamforming.Mpdr(matched.azimuths)
+    spectrum = mpdr(matched.observation, covariances)
     power = decibel(spectrum.max(axis=-1).astype(float))
     return {
         "power": power,
         "power_ratio": power - decibel(spectrum.mean(axis=-1).astype(float)),
-        "azimuth_mpdr": beamforming.azimuth_grid(azimuths)[spectrum.argmax(axis=-1)],
+        "azimuth_mpdr": mpdr.directions[0][spectrum.argmax(axis=-1)],
     }
 
 
@@ -175,6 +163,7 @@ def steered_columns(matched: MatchedFilter, index: Array, *, toward: Array) -> d
         index: lag indices of the echoes, shape (B,).
         toward: unit vectors of their directions, shape (B, 3).
     """
+    # The largest J anywhere tells whether the echo is what the recording has most of.
     rows = np.arange(len(index))
     steered = matched.steered
     flat = steered.reshape(len(index), -1)
@@ -182,10 +171,12 @@ def steered_columns(matched: MatchedFilter, index: Array, *, toward: Array) -> d
     highest = flat[rows, best].astype(float)
     rms = np.sqrt(np.mean(np.square(steered), axis=(-2, -1), dtype=float))
 
+    # Outputs aligned at the echo are alike at all microphones if it is a plane wave.
     aligned = align(matched, index, toward=toward)[:, :, SEGMENT // 2]
     here = aligned.sum(axis=-1)
     energy = np.sqrt(matched.energy[rows, :, index]).sum(axis=-1) * np.sqrt(matched.probe_energy)
 
+    # The estimated direction need not be one of the grid.
     gated = matched.gated_power(index)
     nearest = (toward @ direction(*matched.directions).T).argmax(axis=-1)
     return {
@@ -239,6 +230,7 @@ def gated_covariances(matched: MatchedFilter, index: Array, *, toward: Array) ->
 
 def band_average(covariances: Array) -> Array:
     """Return covariances (B, F, M, M) averaged over equal bands: packed, trace M, without bin 0."""
+    # Bin 0 holds no echo, only offsets of the microphones.
     bins = (covariances.shape[1] - 1) // COVARIANCE_BANDS
     used = covariances[:, 1 : 1 + bins * COVARIANCE_BANDS]
     banded = used.reshape(len(used), COVARIANCE_BANDS, bins, *used.shape[2:])

@@ -82,8 +82,8 @@ def prepare(
     if localizer.whiten:
         _, last = check_recordings(observation, window, beyond=PAD)
         touched = last + PAD + len(observation.probe.samples)
-        white = whitened(observation, samples=None if whole else touched)
-        view = MatchedFilter(white, window, azimuths)
+        quiet = whitened(observation, samples=None if whole else touched)
+        view = MatchedFilter(quiet, window, azimuths, white=True)
     elif view is None or (view.window, view.azimuths) != (window, azimuths):
         view = MatchedFilter(observation, window, azimuths)
     check_echoes(view, localizer.echoes)

@@ -35,12 +35,15 @@ class MatchedFilter:
         window: where echoes are sought.
         azimuths: number of directions in the array's plane that the steered response covers,
             besides its axis.
+        white: whether recordings and probe have been whitened. Such echoes ring close to half the
+            sample rate, so they are searched on finer grids.
         first, last: lags of the window, both inclusive.
     """
 
     observation: Observation
     window: SearchWindow
     azimuths: int = 180
+    white: bool = False
     first: int = field(init=False)
     last: int = field(init=False)
 
@@ -88,7 +91,7 @@ class MatchedFilter:
     @cached_property
     def probe_energy(self) -> float:
         """||s||^2."""
-        return float(np.sum(np.square(self.observation.probe.samples)))
+        return self.observation.probe.energy
 
     @cached_property
     def directions(self) -> tuple[Array, Array]:
@@ -133,16 +136,6 @@ class MatchedFilter:
         """Return eta_m (Eq. 3) of unit vectors (..., 3), in samples, shape (..., M)."""
         array = self.observation.array
         return relative_delays(array, toward, speed_of_sound=1.0) * self.scale
-
-    def score(self, index: Array) -> Array:
-        """Return the normalised correlation of microphone 1 at lag indices (B, R), -1 to 1."""
-        energy = np.take_along_axis(self.energy[:, 0], index, axis=-1)
-        correlation = np.take_along_axis(self.correlation[:, 0], index, axis=-1)
-        return correlation / np.sqrt(np.maximum(energy * self.probe_energy, 1e-30))
-
-    def gain(self, index: Array) -> Array:
-        """Return the gain of echoes at lag indices (B, R) (Eq. 11): r_1 / ||s||^2."""
-        return np.take_along_axis(self.correlation[:, 0], index, axis=-1) / self.probe_energy
 
     def gated_power(self, index: Array) -> Array:
         """Return sum_k J(tau + k, phi)^2 for |k| <= `GATE`, from lag indices (B,), shape (B, A)."""

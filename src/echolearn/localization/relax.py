@@ -29,6 +29,9 @@ from echolearn.localization.search import Peak, Search
 ROUNDS = 50
 """Most rounds of RELAX after each new echo."""
 
+EPSILON = 1e-4
+"""Relative change of the residual's energy that ends the rounds."""
+
 
 def relax(
     padded: Array,
@@ -36,7 +39,6 @@ def relax(
     *,
     echoes: int,
     energy: Array,
-    epsilon: float = 1e-4,
     surface: Array | None = None,
 ) -> list[Peak]:
     """Return R echoes of each observation by RELAX.
@@ -46,7 +48,6 @@ def relax(
         search: over them.
         echoes: R.
         energy: of each recording, shape (B, M).
-        epsilon: relative change of the residual's energy that ends the rounds.
         surface: J of `padded` on the search's grid, shape (B, A, L), where it is known already.
     """
     peaks = [search(padded, surface)]
@@ -66,7 +67,7 @@ def relax(
 
             # Observations whose residual has settled are left alone.
             rest = residual(padded, search, peaks=peaks, models=models, energy=energy)
-            moving = before - rest >= epsilon * np.where(np.isfinite(before), before, 0.0)
+            moving = before - rest >= EPSILON * np.where(np.isfinite(before), before, 0.0)
             rows = rows[moving[rows]]
             before = rest
             if not len(rows):
@@ -114,7 +115,7 @@ def differs(peak: Peak, former: Peak) -> Array:
 def residual(
     padded: Array, search: Search, *, peaks: Sequence[Peak], models: Sequence[Array], energy: Array
 ) -> Array:
-    """Return the weighted energy that echoes leave: ||y||^2 - sum_q g_q <y + rest, s_q>, shape (B,).
+    """Return the energy that echoes leave: ||y||^2 - sum_q g_q <y + rest, s_q>, shape (B,).
 
     Args:
         padded: correlations, shape (B, M, L + 2 PAD).

@@ -6,7 +6,7 @@ On the grid every lag of the window meets every direction in one product of spec
 (`correlations.steered_response`). Then Newton's steps climb to the summit: with d_m = tau +
 eta_m(phi),
 
-    dJ/dtau = sum w r'(d_m),    dJ/dphi = sum w r'(d_m) eta_m',    and so on for the second derivatives,
+    dJ/dtau = sum w r'(d_m),    dJ/dphi = sum w r'(d_m) eta_m',    and so on for the second ones,
 
 where r' and r'' are exact derivatives of the band-limited r_m. A climb that leaves its cell of the
 grid is cut short, and one that does not end higher is undone. (In noise that microphones share J is
@@ -23,7 +23,7 @@ import numpy as np
 from scipy import fft
 
 from echolearn.acoustics.geometry import direction, relative_delays
-from echolearn.acoustics.types import Array, MicArray
+from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.localization.correlations import PAD, derivatives, echo_model, steered_response
 from echolearn.localization.spatial import Spatial
 
@@ -60,10 +60,10 @@ class Search:
         directions: azimuths and elevations of the grid, each of shape (A,), in rad.
         scale: samples per metre of path.
         weights: weights of the microphones, shape (B, M).
-        burst: samples s of the probe.
+        probe: what was emitted, s.
         refine: whether to climb between the points of the grid.
-        finer: points of the grid per lag. Whitened echoes ring close to half the sample rate, where
-            one point per lag may miss a crest between two samples and take a side lobe.
+        finer: points of the grid per lag; one may miss a crest of a whitened echo between two
+            samples and take a side lobe.
         spatial: noise that microphones share; then the correlations are weighted by it, weights 1,
             and J / sqrt(E) is searched.
     """
@@ -72,15 +72,10 @@ class Search:
     directions: tuple[Array, Array]
     scale: float
     weights: Array
-    burst: Array
+    probe: Probe
     refine: bool = True
     finer: int = 1
     spatial: Spatial | None = None
-
-    @property
-    def probe_energy(self) -> float:
-        """||s||^2."""
-        return float(np.sum(np.square(self.burst)))
 
     def __call__(self, padded: Array, surface: Array | None = None) -> Peak:
         """Return the largest J inside the window.
@@ -94,7 +89,7 @@ class Search:
             surface = self.grid(weighted)
         if self.spatial is not None:
             strength = self.spatial.grid_strength(*self.directions)
-            surface = surface / np.sqrt(strength / self.probe_energy)[:, None]
+            surface = surface / np.sqrt(strength / self.probe.energy)[:, None]
 
         highest = surface.reshape(len(surface), -1).argmax(axis=-1)
         way, point = np.unravel_index(highest, surface.shape[1:])
@@ -103,8 +98,9 @@ class Search:
         if self.refine:
             place = self.climb(weighted, place)
 
+        # The grid's J is in single precision; the estimate's is not.
         height = self.read(weighted, place).sum(axis=-1)
-        return Peak(*place, height / (self.probe_energy * self.share(*place[1:])), height)
+        return Peak(*place, height / (self.probe.energy * self.share(*place[1:])), height)
 
     def grid(self, weighted: Array) -> Array:
         """Return J of weighted correlations on the grid, shape (B, A, finer * (L - 1) + 1)."""
@@ -129,7 +125,7 @@ class Search:
     def share(self, azimuth: Array, elevation: Array) -> Array:
         """Return E(phi) / ||s||^2, J of an echo of gain 1: the sum of the weights, (B,) or (A,)."""
         if self.spatial is not None:
-            return self.spatial.strength(azimuth, elevation) / self.probe_energy
+            return self.spatial.strength(azimuth, elevation) / self.probe.energy
         return np.maximum(self.weights.sum(axis=-1), np.finfo(float).tiny)
 
     def delays(self, place: Place) -> Array:
@@ -147,7 +143,7 @@ class Search:
         """Return the correlations of echoes: g a(t - tau - eta_m(phi)), shape (B, M, size)."""
         delays = self.delays(peak[:3])
         if self.spatial is None:
-            alone = echo_model(self.burst, delays, size=size)
+            alone = echo_model(self.probe.samples, delays, size=size)
         else:
             alone = self.spatial.model(delays + PAD, size=size)
         return peak.gain[:, None, None] * alone
@@ -175,6 +171,7 @@ class Search:
 
         before = self._height(read, (*start, elevation))
         after = self._height(read, (*here, elevation))
+        # A step from where J is nearly flat may end anywhere.
         lag, azimuth = np.where(after > before, here, start)
         return lag, np.angle(np.exp(1j * azimuth)), elevation
 

@@ -25,7 +25,7 @@ TOGETHER = 0.1
 
 
 def separate(matched: MatchedFilter, echoes: Echoes) -> list[MatchedFilter]:
-    """Return a view for each of R echoes (B, R), the others subtracted; for R = 1 the view itself."""
+    """Return a view for each of R echoes (B, R), the others subtracted; R = 1 is that view."""
     count = echoes.toa.shape[1]
     if count == 1:
         return [matched]
@@ -60,5 +60,6 @@ def fit_gains(padded: Array, shapes: Array, *, places: Array) -> Array:
     # system[..., q, p]: echo q at the sample of echo p.
     system = np.take_along_axis(shapes, places[:, :, None, :], axis=-1)
     there = np.take_along_axis(padded, places, axis=-1)
+    # Two echoes at one place cannot be told from one, which they share.
     inverse = np.linalg.pinv(np.swapaxes(system, -1, -2), rcond=TOGETHER)
     return (inverse @ there[..., None])[..., 0]

@@ -1,4 +1,4 @@
-"""The noise-weighted matched filter: microphones weighed together by the noise's inverse covariance.
+"""The noise-weighted matched filter: microphones weighed by the noise's inverse covariance.
 
     y = g s d(tau, phi) + v,    E v v^H = Phi,    d_m = exp(-j omega (tau + eta_m(phi)))
     J(tau, phi) = Re sum_omega conj(s) d^H Phi^-1 y,    E(phi) = sum_omega |s|^2 d^H Phi^-1 d
@@ -172,6 +172,7 @@ def shorten(coherence: Array, *, lags: int, size: int) -> Array:
         lags: kept on either side.
         size: number of points of the result's transform.
     """
+    # An inverse spectrum of F bins has 2 (F - 1) lags, half of them negative.
     full = 2 * (len(coherence) - 1)
     lags = min(lags, full // 2 - 1)
     kept = fft.irfft(coherence, full, axis=0)[np.arange(-lags, lags + 1)]
@@ -184,6 +185,7 @@ def shorten(coherence: Array, *, lags: int, size: int) -> Array:
 
 def inverse_root(coherence: Array) -> Array:
     """Return ((Gamma + `LOADING` I) / (1 + `LOADING`))^-1/2, Hermitian, of coherences (F, M, M)."""
+    # Rounding leaves an estimate not quite Hermitian, and eigenvalues a little below 0.
     values, vectors = np.linalg.eigh((coherence + coherence.conj().mT) / 2)
     loaded = (np.maximum(values, 0.0) + LOADING) / (1.0 + LOADING)
     return (vectors / np.sqrt(loaded)[:, None]) @ vectors.conj().mT

@@ -43,6 +43,7 @@ def whitened(observation: Observation, *, samples: int | None = None) -> Observa
         hint="record the noise alone: noise.wav of a survey, or signals.noise_psd",
     )
     psd = density(observation)
+    # One filter for all microphones and the probe, so that no direction is distorted.
     shape = colour(psd)
     probe = observation.probe
     burst = signals.whiten(probe.samples, shape)

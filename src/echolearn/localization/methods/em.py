@@ -51,10 +51,9 @@ class Em:
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         matched = prepare(self, observation, view=view, whole=False, reference=False)
+        # One over the noise power makes the sum of correlations the likelihood.
         weights = noise_weights(matched.observation, matched.silent) if self.weigh else None
-        search = joint_search(
-            matched, weights=weights, refine=self.refine, finer=2 if self.whiten else 1
-        )
+        search = joint_search(matched, weights=weights, refine=self.refine)
         peaks = strongest_peaks(matched, search, echoes=self.echoes)
         if self.echoes > 1:
             peaks = expect_maximize(

@@ -15,7 +15,7 @@ from one another, is not mistaken for a wall. Echoes that arrive within `GATE` s
 share a gate, and so a direction; `joint` and `em` resolve such echoes.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import fft
@@ -63,13 +63,18 @@ class Gated:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         matched = prepare(self, observation, view=view, whole=False, reference=True)
         check_extent(matched)
-        times = reference_echoes(matched, self.echoes, fine=self.whiten)
+        times = reference_echoes(matched, self.echoes)
+        # Each echo has a gate of its own, and with it a direction.
         spectra = [self.spectrum(matched, index) for index in matched.index(times.toa).T]
         power = np.stack(spectra, axis=1)
         best = power.argmax(axis=-1)
-        azimuth, elevation = (angle[best] for angle in matched.directions)
-        highest = power.max(axis=-1).astype(float)
-        return Echoes(times.toa, times.score, times.gain, azimuth, elevation, highest)
+        azimuth, elevation = matched.directions
+        return replace(
+            times,
+            azimuth=azimuth[best],
+            elevation=elevation[best],
+            power=power.max(axis=-1).astype(float),
+        )
 
     def spectrum(self, matched: MatchedFilter, index: Array) -> Array:
         """Return the beam's power over directions around lag indices (B,), shape (B, A)."""
@@ -88,6 +93,7 @@ def gated_mpdr(matched: MatchedFilter, index: Array, *, gamma: float = 0.1) -> A
     """
     aligned = aligned_outputs(matched, index)
     inverse = invert(regularize(aligned @ np.swapaxes(aligned, -1, -2), gamma))
+    # The distortionless response is asked of the microphones that are not silent.
     ones = (~matched.silent).astype(aligned.dtype)[:, None]
     ones = np.broadcast_to(ones, aligned.shape[:3])
     quadratic = np.einsum("bamn,bam,ban->ba", inverse, ones, ones)
@@ -98,6 +104,7 @@ def aligned_outputs(matched: MatchedFilter, index: Array) -> Array:
     """Return z_k for |k| <= `GATE` around lag indices (B,), shape (B, A, M, 2 GATE + 1)."""
     padded = matched.padded.astype(np.float32)
     size = padded.shape[-1]
+    # A table is read faster than every direction's fractional delays are computed.
     table = interpolate(fft.rfft(padded), size=size, finer=TABLE)
 
     eta = matched.eta(direction(*matched.directions))

@@ -22,9 +22,6 @@ from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.spatial import spatial
 from echolearn.localization.whitening import noise_coherence, with_density
 
-FINER_GRID = 2
-"""Points of the grid per lag for whitened recordings, see `search.Search`."""
-
 
 @dataclass(frozen=True)
 class Joint:
@@ -53,7 +50,7 @@ class Joint:
         if self.whiten == "spatial":
             return self._weighted(observation)
         matched = prepare(self, observation, view=view, whole=False, reference=False)
-        search = joint_search(matched, refine=self.refine, finer=FINER_GRID if self.whiten else 1)
+        search = joint_search(matched, refine=self.refine)
         return joint_echoes(matched, search, strongest_peaks(matched, search, echoes=self.echoes))
 
     def _weighted(self, observation: Observation) -> Echoes:
@@ -76,15 +73,12 @@ class Joint:
         """Estimate from some of the whitened recordings, which share their silent microphones."""
         white = view.observation
         weighting = spatial(white, coherence, silent=silent)
+        # Energies are those of recordings with independent noise, correlations those with Gamma^-1.
         samples = white.samples[rows]
-        whiter = MatchedFilter(
-            replace(white, samples=weighting.whiten(samples)), self.window, self.azimuths
-        )
+        whiter = replace(view, observation=replace(white, samples=weighting.whiten(samples)))
         matched = whiter.with_outputs(
             weighting.correlate(samples, first=view.first - PAD, last=view.last + PAD)
         )
-        search = joint_search(
-            matched, weights=np.ones(samples.shape[:2]), refine=self.refine, finer=FINER_GRID
-        )
+        search = joint_search(matched, weights=np.ones(samples.shape[:2]), refine=self.refine)
         search = replace(search, spatial=weighting)
         return joint_echoes(matched, search, strongest_peaks(matched, search, echoes=self.echoes))

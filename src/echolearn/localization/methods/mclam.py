@@ -24,9 +24,9 @@ from scipy.special import chdtri
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.checks import check_number
-from echolearn.localization.beamforming import azimuth_grid, mpdr_spectrum_without
+from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.correlations import advance
-from echolearn.localization.estimates import FINER, joint_echoes, joint_search, reference_search
+from echolearn.localization.estimates import joint_echoes, joint_search, reference_search
 from echolearn.localization.faults import energies
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import MatchedFilter
@@ -65,23 +65,16 @@ class Mclam:
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echo of each observation, samples (B, M, N) -> fields (B, 1)."""
         matched = prepare(self, observation, view=view, whole=True, reference=False)
-        power = mpdr_spectrum_without(
-            matched.observation,
-            matched.silent,
-            azimuths=self.azimuths,
-            elevations=1,
-            gamma=self.gamma,
-        )
-        azimuth = azimuth_grid(self.azimuths)[power.argmax(axis=-1)]
-        plane = np.full(len(azimuth), np.pi / 2)
+        mpdr = Mpdr(self.azimuths, gamma=self.gamma)
+        power = mpdr.without(matched.observation, matched.silent)
+        azimuth, plane = (angle[power.argmax(axis=-1)] for angle in mpdr.directions)
 
         # The microphones that are not silent, aligned for that direction, become one.
         search = joint_search(matched)
         eta = search.delays((np.zeros(len(azimuth)), azimuth, plane))
         weighted = matched.padded * search.weights[..., None]
         aligned = advance(weighted, eta[:, None])[:, 0].sum(axis=1, keepdims=True)
-        finer = FINER if self.whiten else 1
-        one = reference_search(matched, refine=self.whiten, finer=finer)(aligned)
+        one = reference_search(matched, refine=self.whiten)(aligned)
 
         gain = one.gain / search.weights.sum(axis=-1)
         echoes = joint_echoes(matched, search, [Peak(one.lag, azimuth, plane, gain, one.height)])

@@ -17,6 +17,7 @@ from scipy import fft
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.checks import check_number
+from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.estimates import echoes_at, mpdr_echoes
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
@@ -51,8 +52,8 @@ class Peaks:
         """Estimate the highest peaks of each observation, samples (B, M, N) -> fields (B, R)."""
         matched = prepare(self, observation, view=view, whole=True, reference=True)
         index = highest(response(matched, self.loading), self.echoes)
-        times = echoes_at(matched, index)
-        return mpdr_echoes(matched, times, azimuths=self.azimuths, gamma=self.gamma)
+        mpdr = Mpdr(self.azimuths, gamma=self.gamma)
+        return mpdr_echoes(matched, echoes_at(matched, index), mpdr=mpdr)
 
 
 def response(matched: MatchedFilter, loading: float) -> Array:
@@ -61,24 +62,20 @@ def response(matched: MatchedFilter, loading: float) -> Array:
     size = fft.next_fast_len(observation.samples.shape[-1], real=True)
     emitted = fft.rfft(observation.probe.samples, size)
     density = np.abs(emitted) ** 2 + loading * float(np.sum(observation.probe.samples**2))
+    # Division by a density of 0 must give no NaN; what is there is noise anyway.
     inverse = emitted.conj() / np.maximum(density, np.finfo(float).tiny)
     estimate = fft.irfft(fft.rfft(observation.samples[:, 0], size) * inverse, size)
     return estimate[:, matched.first : matched.last + 1]
 
 
-def highest(curve: Array, count: int, *, spacing: int = PEAK_SPACING) -> Array:
-    """Return the lags (B, count) of the highest values, each `spacing` from those before it.
-
-    Args:
-        curve: shape (B, L).
-        count: number of lags.
-        spacing: least distance between two of them, in lags.
-    """
+def highest(curve: Array, count: int) -> Array:
+    """Return the lags (B, count) of the highest values of (B, L), `PEAK_SPACING` apart at least."""
     left = curve.copy()
     lags = np.arange(curve.shape[-1])
     found = []
     for _ in range(count):
         best = left.argmax(axis=-1)
-        left[np.abs(lags - best[:, None]) < spacing] = -np.inf
+        # Side lobes of a peak are no peaks.
+        left[np.abs(lags - best[:, None]) < PEAK_SPACING] = -np.inf
         found.append(best)
     return np.stack(found, axis=-1)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.checks import check, check_number, check_whole
+from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.estimates import mpdr_echoes, reference_echoes
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import MatchedFilter
@@ -60,11 +61,6 @@ class Snls:
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         matched = prepare(self, observation, view=view, whole=True, reference=True)
-        times = reference_echoes(matched, self.echoes, fine=self.whiten)
-        return mpdr_echoes(
-            matched,
-            times,
-            azimuths=self.azimuths,
-            elevations=self.elevations,
-            gamma=self.gamma,
-        )
+        times = reference_echoes(matched, self.echoes)
+        mpdr = Mpdr(self.azimuths, self.elevations, self.gamma)
+        return mpdr_echoes(matched, times, mpdr=mpdr)
