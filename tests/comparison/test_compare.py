@@ -12,25 +12,30 @@ import pytest
 
 from echolearn.checks import BadValue
 from echolearn.comparison import report
+from echolearn.comparison.choice import Comparison, chosen_run
 from echolearn.comparison.compare import (
     _is_finished,
-    against_yardstick,
     compare,
     find_set,
     find_survey,
-    to_csv,
 )
-from echolearn.comparison.tables import Comparison, pick
+from echolearn.comparison.evaluate import against_baseline
+from echolearn.comparison.tables import pick
 from echolearn.evaluation import metrics
-from echolearn.evaluation.scoring import Answer, Row, Sheet
+from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings, Row
 from echolearn.storage import manifests
-from echolearn.training.runs import answer_map, answer_set, load_runs
+from echolearn.training.runs import load_runs, predict_echoes, predict_rows
 from echolearn.training.split import Task
 from world import TRAINED, WALKS, World
 
-RESULTS = "classifier,trained_on,tested_on,seed,snr_db,noise,metric,value,ci_low,ci_high,n"
-TESTS = "classifier,against,trained_on,tested_on,snr_db,metric,difference,ci_low,ci_high,p,p_holm,n"
-YARDSTICKS = {"keep_everything", "keep_nothing", "oracle", "chance"}
+ABOUT = "role,method,split,target,kind,set_role,room,localizer"
+TABLES = {
+    "results.csv": "classifier,trained_on,tested_on,seed,snr_db,noise,metric,"
+    "value,ci_low,ci_high,n",
+    "tests.csv": "classifier,against,trained_on,tested_on,snr_db,metric,"
+    "difference,ci_low,ci_high,p,p_holm,n",
+}
+REFERENCES = {"keep_everything", "keep_nothing", "oracle", "chance"}
 
 
 def table(path: Path) -> list[dict[str, str]]:
@@ -55,30 +60,49 @@ def value(rows: Sequence[Row], **wanted: Any) -> float:
 
 def test_the_columns_are_the_documented_ones(compared: Path) -> None:
     documented = (Path(__file__).parents[2] / "docs" / "formats.md").read_text()
-    for name, columns in (("results.csv", RESULTS), ("tests.csv", TESTS)):
-        assert (compared / name).read_text().splitlines()[0] == columns
-        assert all(f"`{column}`" in documented for column in columns.split(","))
+    for name, columns in TABLES.items():
+        assert (compared / name).read_text().splitlines()[0] == f"{columns},{ABOUT}"
+        for column in (*columns.split(","), *ABOUT.split(",")):
+            assert f"`{column}`" in documented
 
 
-def test_everyone_is_judged_everywhere(results: list[dict[str, str]], world: World) -> None:
-    pairs = {(name, plan) for plan, _, names in TRAINED for name in names}
-    walks = [f"{walk}/{localizer}" for walk in WALKS for localizer in ("gated", "snls")]
+def test_everyone_is_evaluated_everywhere(results: list[dict[str, str]], world: World) -> None:
+    models = {(name, plan) for plan, _, names in TRAINED for name in names}
     whole = pick(results, seed="", metric="balanced_accuracy")
-    everyone = pairs | {(name, "-") for name in YARDSTICKS}
-    for place in world.sets:
-        here = pick(whole, tested_on=place, snr_db="")
-        assert sorted((r["classifier"], r["trained_on"]) for r in here) == sorted(
-            pairs | {("chance", "-")}
-        )
-    for place, snr_db in zip(walks, ("0", "0", "-10", "-10"), strict=True):
-        here = pick(whole, tested_on=place)
-        assert sorted((r["classifier"], r["trained_on"]) for r in here) == sorted(everyone)
-        assert {r["snr_db"] for r in here} == {snr_db}
-    assert {r["tested_on"] for r in results} == {*world.sets, *walks}
+    where = {(name, "", "", "chance") for name in world.sets}
+    for walk, snr_db in zip(WALKS, ("0", "-10"), strict=True):
+        where |= {(walk, localizer, snr_db, "") for localizer in ("gated", "snls")}
+    for tested_on, localizer, snr_db, alone in where:
+        here = pick(whole, tested_on=tested_on, localizer=localizer, snr_db=snr_db)
+        references = {(name, "-") for name in ([alone] if alone else REFERENCES)}
+        found = [(row["classifier"], row["trained_on"]) for row in here]
+        assert sorted(found) == sorted(models | references)
+    assert {(row["tested_on"], row["localizer"]) for row in results} == {each[:2] for each in where}
+
+
+def test_a_row_says_what_it_is_about(results: list[dict[str, str]]) -> None:
+    """Whatever a name might tell stands in a column."""
+    about: dict[str, Any] = {}
+    for row in results:
+        model = tuple(row[key] for key in ("role", "method", "split", "target"))
+        about.setdefault(row["classifier"], set()).add(model)
+        source = tuple(row[key] for key in ("kind", "set_role", "room"))
+        about.setdefault(row["tested_on"], set()).add(source)
+    assert about == {
+        "threshold_peak": {("baseline", "threshold", "position", "reflector")},
+        "svm_pair": {("learned", "svm", "position", "reflector")},
+        "trees_features": {("learned", "trees", "position", "reflector")},
+        **dict.fromkeys(REFERENCES, {("reference", "", "", "")}),
+        "grid": {("set", "grid", "")},
+        "scattered": {("set", "training", "")},
+        "offgrid_hall": {("set", "test", "")},
+        **dict.fromkeys(WALKS, {("survey", "", "6x5x4")}),
+    }
 
 
 def test_no_figure_is_given_twice(results: list[dict[str, str]]) -> None:
-    keys = [tuple(row[c] for c in RESULTS.split(",")[:5]) + (row["metric"],) for row in results]
+    figures = ("value", "ci_low", "ci_high", "n")
+    keys = [tuple(cell for key, cell in row.items() if key not in figures) for row in results]
     assert len(keys) == len(set(keys))
 
 
@@ -88,15 +112,14 @@ def test_an_empty_seed_is_the_mean_over_seeds(results: list[dict[str, str]]) -> 
         ("scattered", "0"),
         ("scattered", "1"),
     }
-    names = ("classifier", "trained_on", "tested_on", "snr_db", "metric")
+    names = ("classifier", "trained_on", "tested_on", "localizer", "snr_db", "metric")
     for row in pick(seeded, seed="0"):
         same = {name: row[name] for name in names}
-        each = [pick(seeded, seed=seed, **same)[0]["value"] for seed in ("0", "1")]
+        each = [cell["value"] for cell in pick(seeded, **same)]
         [mean] = pick(results, seed="", **same)
         if all(each):
-            assert float(mean["value"]) == pytest.approx(
-                np.mean([float(v) for v in each]), abs=2e-6
-            )
+            expected = np.mean([float(cell) for cell in each])
+            assert float(mean["value"]) == pytest.approx(expected, abs=2e-6)
         else:
             assert mean["value"] == ""
 
@@ -112,130 +135,124 @@ def test_intervals_hold_their_value_nearly_always(results: list[dict[str, str]])
     assert np.mean([row["ci_low"] < row["ci_high"] for row in pick(bounded, metric="auc")]) > 0.5
 
 
-def test_yardsticks_are_what_they_say(results: list[dict[str, str]], contest: Comparison) -> None:
-    for (walk, localizer), heard in contest.heard.items():
-        here = pick(results, tested_on=f"{walk}/{localizer}", trained_on="-")
-        share = heard.sheet.reference.mean()
+def test_references_are_what_they_say(
+    results: list[dict[str, str]], comparison: Comparison
+) -> None:
+    for (walk, localizer), survey in comparison.surveys.items():
+        here = pick(results, tested_on=walk, localizer=localizer, role="reference")
+        share = pytest.approx(survey.labelled.reference.mean(), abs=1e-6)
         assert value(here, classifier="oracle", metric="balanced_accuracy") == 1.0
-        assert value(here, classifier="keep_everything", metric="precision") == pytest.approx(
-            share, abs=1e-6
-        )
+        assert value(here, classifier="keep_everything", metric="precision") == share
         assert value(here, classifier="keep_everything", metric="true_retention") == 1.0
         [nothing] = pick(here, classifier="keep_nothing", metric="precision")
         assert (nothing["value"], nothing["ci_low"]) == ("", "")
-        assert int(nothing["n"]) == len(heard.points)
+        assert int(nothing["n"]) == len(survey.points)
 
 
-def test_a_run_is_judged_on_its_own_set_by_what_it_held_out(
-    results: list[dict[str, str]], contest: Comparison
+def test_a_run_is_evaluated_on_its_own_set_by_what_it_held_out(
+    results: list[dict[str, str]], comparison: Comparison
 ) -> None:
-    for (name, source), runs in contest.runs.items():
-        where = {"classifier": name, "trained_on": source, "tested_on": source, "snr_db": ""}
+    for model, runs in comparison.models.items():
+        here = pick(results, **model._asdict(), tested_on=model.trained_on, snr_db="")
         for metric in ("auc", "balanced_accuracy"):
             expected = np.mean([run.metrics["test"][metric] for run in runs])
-            assert value(results, seed="", metric=metric, **where) == pytest.approx(
-                expected, abs=1e-5
-            )
-        assert {row["n"] for row in pick(results, **where)} == {
-            str(runs[0].metrics["rows"]["test"])
-        }
+            found = value(here, seed="", metric=metric)
+            assert found == pytest.approx(expected, abs=1e-5)
+        assert {row["n"] for row in here} == {str(runs[0].metrics["rows"]["test"])}
 
 
-def test_on_a_set_that_any_was_trained_on_all_are_judged_by_held_out_rows(
-    results: list[dict[str, str]], contest: Comparison
+@pytest.mark.parametrize(
+    ("trained_on", "tested_on", "n"), [("grid", "scattered", 28), ("scattered", "offgrid_hall", 60)]
+)
+def test_on_other_sets_it_is_evaluated_by_every_row_unless_any_was_trained_on_it(
+    results: list[dict[str, str]],
+    comparison: Comparison,
+    trained_on: str,
+    tested_on: str,
+    n: int,
 ) -> None:
-    dataset = contest.sets["scattered"]
-    [run] = contest.runs["svm_pair", "grid"]
-    where = {"classifier": "svm_pair", "trained_on": "grid", "tested_on": "scattered", "snr_db": ""}
-    rows = Task(dataset, seed=run.seed).parts().test
-    expected = metrics.auc(dataset["reflector"][rows], answer_set(run, dataset).confidence[rows])
-    assert value(results, metric="auc", **where) == pytest.approx(float(expected), abs=1e-6)
-    assert {row["n"] for row in pick(results, **where)} == {"28"}
-
-
-def test_elsewhere_it_is_judged_by_every_row(
-    results: list[dict[str, str]], contest: Comparison
-) -> None:
-    dataset = contest.sets["offgrid_hall"]
-    where = {
-        "classifier": "svm_pair",
-        "trained_on": "scattered",
-        "tested_on": "offgrid_hall",
-        "snr_db": "",
-    }
-    for run in contest.runs["svm_pair", "scattered"]:
-        expected = metrics.auc(dataset["reflector"], answer_set(run, dataset).confidence)
-        assert value(results, seed=str(run.seed), metric="auc", **where) == pytest.approx(
-            float(expected), abs=1e-6
-        )
-    assert {row["n"] for row in pick(results, **where)} == {"60"}
+    dataset = comparison.sets[tested_on]
+    here = pick(
+        results, classifier="svm_pair", trained_on=trained_on, tested_on=tested_on, snr_db=""
+    )
+    [runs] = [
+        runs
+        for model, runs in comparison.models.items()
+        if (model.classifier, model.trained_on) == ("svm_pair", trained_on)
+    ]
+    for run in runs:
+        rows = np.arange(len(dataset))
+        if dataset.manifest["plan"]["role"] != "test":
+            rows = Task(dataset, seed=run.seed).parts().test
+        given = predict_rows(run, dataset).confidence[rows]
+        expected = float(metrics.auc(dataset["reflector"][rows], given))
+        seed = str(run.seed) if len(runs) > 1 else ""
+        assert value(here, seed=seed, metric="auc") == pytest.approx(expected, abs=1e-6)
+    assert {row["n"] for row in here} == {str(n)}
 
 
 # ---------------------------------------------------------------- tests.csv
 
 
-def test_classifiers_are_tested_where_they_are_new_and_points_have_one_direction(
+def test_models_are_tested_where_they_are_new_and_points_have_one_localizer(
     compared: Path,
 ) -> None:
     tests = table(compared / "tests.csv")
-    places = {("offgrid_hall", "auc"), *((f"{walk}/gated", "balanced_accuracy") for walk in WALKS)}
-    assert {(t["tested_on"], t["metric"]) for t in tests} == places
+    places = {("offgrid_hall", "", "auc")}
+    places |= {(walk, "gated", "balanced_accuracy") for walk in WALKS}
+    assert {(t["tested_on"], t["localizer"], t["metric"]) for t in tests} == places
     tested = {("svm_pair", "scattered"), ("trees_features", "scattered"), ("svm_pair", "grid")}
-    for place, _ in places:
+    for place, _, _ in places:
         assert {(t["classifier"], t["trained_on"]) for t in pick(tests, tested_on=place)} == tested
     assert {t["against"] for t in tests} == {"threshold_peak"}
 
 
-def test_a_difference_of_maps_is_that_of_the_results(compared: Path, contest: Comparison) -> None:
+def test_a_difference_of_maps_is_that_of_the_results(
+    compared: Path, comparison: Comparison
+) -> None:
     """Over the seeds that both have."""
-    for test in pick(table(compared / "tests.csv"), metric="balanced_accuracy"):
-        walk, localizer = test["tested_on"].split("/")
-        heard = contest.heard[walk, localizer]
-        both = [
-            contest.runs[name, test["trained_on"]]
-            for name in (test["classifier"], "threshold_peak")
-        ]
-        seeds = {run.seed for run in both[0]} & {run.seed for run in both[1]}
-        shares = []
-        for runs in both:
-            given = [answer_map(run, heard) for run in runs if run.seed in seeds]
-            kept = [answer.confidence >= answer.threshold for answer in given]
-            shares.append(
-                np.mean([metrics.balanced_accuracy(heard.sheet.reference, each) for each in kept])
-            )
-        assert float(test["difference"]) == pytest.approx(shares[0] - shares[1], abs=1e-6)
+    for test in pick(table(compared / "tests.csv"), kind="survey"):
+        survey = comparison.surveys[test["tested_on"], test["localizer"]]
+        runs = {}
+        for model, each in comparison.models.items():
+            if model.trained_on == test["trained_on"]:
+                runs[model.classifier] = {run.seed: run for run in each}
+        first, second = runs[test["classifier"]], runs[test["against"]]
+        shares: list[list[float]] = [[], []]
+        for seed in first.keys() & second.keys():
+            for share, run in zip(shares, (first[seed], second[seed]), strict=True):
+                kept = predict_echoes(run, survey).kept
+                found = metrics.balanced_accuracy(survey.labelled.reference, kept)
+                share.append(float(found))
+        expected = np.mean(shares[0]) - np.mean(shares[1])
+        assert float(test["difference"]) == pytest.approx(expected, abs=1e-6)
         assert float(test["ci_low"]) <= float(test["difference"]) <= float(test["ci_high"])
 
 
-def test_p_values_are_corrected_within_their_metric(compared: Path) -> None:
-    tests = table(compared / "tests.csv")
-    families = {(test["metric"], test["trained_on"]) for test in tests}
-    assert len(families) > 2
-    for metric, source in families:
-        family = sorted(
-            pick(tests, metric=metric, trained_on=source), key=lambda test: float(test["p"])
-        )
-        worst = 0.0
-        for rank, test in enumerate(family):
-            worst = max(worst, min(1.0, float(test["p"]) * (len(family) - rank)))
-            assert float(test["p_holm"]) == pytest.approx(worst, abs=1e-5)
-
-
 def test_seeds_that_the_threshold_lacks_are_not_tested() -> None:
-    """The comparison goes on without this test."""
+    """The comparison goes on without this test; nor is a leaky split tested, or another set's."""
     reference = np.array([True, False] * 6)
-    sheet = Sheet("set", reference, np.arange(12), np.zeros(12), np.ones((20, 12)))
+    rows = np.arange(12)
+    labelled = LabelledRows(
+        Recordings("set", "set"), reference, rows, np.zeros(12), np.ones((20, 12))
+    )
+
+    def model(name: str, trained_on: str = "set", **more: str) -> Model:
+        return Model(name, trained_on, "learned", "", "position", "reflector")._replace(**more)
+
+    def says(seed: int) -> Predictions:
+        return Predictions(seed, rows, reference * 1.0, 0.5)
+
     given = {
-        ("threshold_peak", "set"): [
-            Answer(seed, np.arange(12), reference * 0.5, 0.4) for seed in (0, 1)
-        ],
-        ("late", "set"): [Answer(2, np.arange(12), reference * 1.0, 0.5)],
-        ("early", "set"): [Answer(1, np.arange(12), reference * 1.0, 0.5)],
-        ("stray", "other"): [Answer(0, np.arange(12), reference * 1.0, 0.5)],
+        model("threshold_peak"): [says(0), says(1)],
+        model("late"): [says(2)],
+        model("early"): [says(1)],
+        model("stray", "other"): [says(0)],
+        model("leaky", split="row"): [says(0)],
+        model("threshold_peak", split="row"): [says(0)],
     }
-    assert [
-        row["classifier"] for row in against_yardstick(given, sheet, metric="auc", snr_db="")
-    ] == ["early"]
+    found = list(against_baseline(given, labelled, metric="auc"))
+    assert [row["classifier"] for row in found] == ["early"]
 
 
 # ---------------------------------------------------------------- bytes, and what is made again
@@ -271,7 +288,7 @@ def test_a_finished_comparison_is_shown_again(
     assert shown.out.endswith(f"{compared / 'report.html'}\n") and shown.err == ""
 
 
-def test_other_inputs_are_judged_anew(world: World, compared: Path, tmp_path: Path) -> None:
+def test_other_inputs_are_evaluated_anew(world: World, compared: Path, tmp_path: Path) -> None:
     """Under the same name: sets alone, a run fewer, a README to fill, and the damage of a report
     mended."""
     for part in ("data", "survey"):
@@ -290,6 +307,7 @@ def test_other_inputs_are_judged_anew(world: World, compared: Path, tmp_path: Pa
     manifest = manifests.verify(folder)
     assert manifest["command"] == command
     assert set(manifest["inputs"]["runs"]) == {run.identity for run in load_runs(tmp_path)}
+    assert manifest["chosen"] in manifest["inputs"]["runs"]
     assert set(manifest["files"]) == {
         "results.csv", "tests.csv", "report.html", "table.md",
         "figures/arrival_times.svg", "figures/bands.svg", "figures/belief.svg",
@@ -298,6 +316,10 @@ def test_other_inputs_are_judged_anew(world: World, compared: Path, tmp_path: Pa
         readme.read_text()
         == f"before\n{report.RESULTS.begin}\n{(folder / 'table.md').read_text()}\n{report.RESULTS.end}\nafter\n"
     )
+
+
+def test_the_manifest_names_the_chosen_run(compared: Path, comparison: Comparison) -> None:
+    assert manifests.load_manifest(compared)["chosen"] == chosen_run(comparison).identity
 
 
 INPUTS = "runs sets surveys localizers resamples report".split()
@@ -326,7 +348,7 @@ def test_a_damaged_comparison_is_not_finished(compared: Path, tmp_path: Path, na
 
 @pytest.fixture
 def copied(world: World, tmp_path: Path) -> Path:
-    """Return a world of which things can be broken: recordings are copied, sets and runs as well."""
+    """Return a world of which things can be broken: everything is copied."""
     return Path(
         shutil.copytree(
             world.runs, tmp_path / "runs", ignore=shutil.ignore_patterns("compare", "events*")
@@ -339,12 +361,12 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         {"tested": ["grid", "paper"]},
         "tested=paper: the name of exactly one finished set; run `echolearn generate plan=paper`",
     ),
-    "no set": ({"tested": []}, "tested=[]: at least one set"),
+    "no set": ({"tested": []}, "tested=[]: the name of at least one labelled set"),
     "survey": (
         {"surveys": ["barn_0dB"]},
         "surveys=barn_0dB: the name of a finished survey; run `echolearn survey` for its room and snr_db",
     ),
-    "localizer": ({"localizers": {}}, "localizers={}: at least one to hear the surveys"),
+    "localizer": ({"localizers": {}}, "localizers={}: at least one, to localize the surveys"),
     "resamples": (
         {"resamples": "many"},
         "resamples=many: must be a whole number from 20 to 100000",
@@ -403,7 +425,7 @@ def test_a_damaged_run_stops_it(world: World, copied: Path, name: str) -> None:
 @pytest.mark.parametrize("key", ["tested", "surveys"])
 def test_what_is_named_twice_is_refused(world: World, tmp_path: Path, key: str) -> None:
     name = world.arguments[key][0]
-    with pytest.raises(BadValue, match=f"^{key}={name}, {name}: each name once$"):
+    with pytest.raises(BadValue, match=f"^{key}={name}, {name}: each name only once$"):
         compare(name="twice", **world.arguments | {key: [name, name], "runs": tmp_path})
 
 
@@ -441,15 +463,3 @@ def test_a_survey_is_found_once_it_is_finished(world: World, tmp_path: Path) -> 
     (tmp_path / "survey" / "half").mkdir(parents=True)
     with pytest.raises(BadValue, match="surveys=half"):
         find_survey(tmp_path, "half")
-
-
-# ---------------------------------------------------------------- CSV
-
-
-def test_csv_by_hand() -> None:
-    rows = [
-        {"a": 1 / 3, "b": "x,y", "c": 2, "d": 0},
-        {"a": float("nan"), "b": "", "c": np.float64(1e-9), "d": 0},
-    ]
-    assert to_csv(rows, ["b", "a", "c"]) == b'b,a,c\n"x,y",0.333333,2\n,,0.0\n'
-    assert to_csv([], ["a", "b"]) == b"a,b\n"

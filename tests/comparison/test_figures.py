@@ -3,26 +3,33 @@ given."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from echolearn.acoustics.types import Array
 from echolearn.comparison import figures
-from echolearn.evaluation.scoring import Answer, Heard, Row, Sheet
+from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Predictions, Recordings, Row
 
 POINTS = np.array([[0.0, 2.0], [3.0, 0.05], [5.95, 2.0], [3.0, 3.5], [2.0, 2.0]])
 POSES = np.array([[1.5, 2.0], [3.0, 1.5], [4.5, 2.0], [3.0, 2.5], [3.0, 2.0]])
 TRUE = np.array([True, True, True, False, False])
 KEPT = np.array([True, False, True, True, False])
+NOTHING = np.zeros(5, dtype=bool)
 
 
-def walk(width: float = 4.0) -> Heard:
+def labelled(reference: Array) -> LabelledRows:
+    rows = np.arange(len(reference))
+    return LabelledRows(Recordings("", "set"), reference, rows, 0.0 * rows, np.ones((1, len(rows))))
+
+
+def walk(width: float = 4.0) -> LocalizedSurvey:
     """Return a survey of five poses in a room of 6 m by `width`."""
     corners = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, width], [0.0, width]])
-    sheet = Sheet("walk", TRUE, np.arange(5), np.zeros(5), np.ones((1, 5)))
-    return Heard(sheet, POINTS, POSES, corners, {})
+    return LocalizedSurvey(labelled(TRUE), POINTS, POSES, corners, {})
 
 
 def row(snr_db: str, value: float) -> Row:
@@ -31,31 +38,27 @@ def row(snr_db: str, value: float) -> Row:
 
 def belief() -> str:
     rng = np.random.default_rng(0)
-    reference = rng.random(200) < 0.5
-    sheet = Sheet("set", reference, np.arange(200), np.zeros(200), np.ones((1, 200)))
-    rows = np.arange(0, 200, 2)
-    some, all_rows = (
-        Answer(0, rows, rng.random(100), 0.5),
-        Answer(0, np.arange(200), rng.random(200), 0.5),
-    )
-    return figures.belief({"some": some, "all": all_rows}, sheet)
+    some = Predictions(0, np.arange(0, 200, 2), rng.random(100), 0.5)
+    every = Predictions(0, np.arange(200), rng.random(200), 0.5)
+    return figures.belief({"some": some, "every": every}, labelled(rng.random(200) < 0.5))
 
 
 def arrival_times() -> str:
     rng = np.random.default_rng(0)
-    return figures.arrival_times(
-        {name: (rng.random(50), rng.random(50) < 0.5) for name in ("on", "off")}
-    )
+    sets = {name: (rng.random(50), rng.random(50) < 0.5) for name in ("on", "off")}
+    return figures.arrival_times(sets)
+
+
+def over_snr(lines: int) -> str:
+    """Draw more lines than there are colours."""
+    many = {str(n): [row("0", 0.5), row("-5", 0.4)] for n in range(lines)}
+    return figures.over_snr({"room": many}, ylabel="y")
 
 
 DRAWN: dict[str, Callable[[], str]] = {
-    "maps": lambda: figures.maps(
-        [("before", walk(), np.ones(5, dtype=bool)), ("after", walk(), KEPT)]
-    ),
-    "one map": lambda: figures.maps([("nothing", walk(), np.zeros(5, dtype=bool))]),
-    "over_snr": lambda: figures.over_snr(
-        {"room": {"a": [row("0", 0.9), row("-10", 0.6)]}}, ylabel="y"
-    ),
+    "maps": lambda: figures.maps([("before", walk(), TRUE | True), ("after", walk(), KEPT)]),
+    "one map": lambda: figures.maps([("nothing", walk(), NOTHING)]),
+    "over_snr": lambda: over_snr(30),
     "bands": lambda: figures.bands(
         {"a": [row("-40:-20", 0.5), row("-5:40", 0.9)], "b": [row("-5:40", 0.8)]}
     ),
@@ -68,16 +71,15 @@ DRAWN: dict[str, Callable[[], str]] = {
 @pytest.mark.parametrize("name", DRAWN)
 def test_a_figure_is_the_same_svg_each_time_and_needs_nothing_else(name: str) -> None:
     """No date, no font, no image: every reference is to the figure itself."""
-    first, again = DRAWN[name](), DRAWN[name]()
-    assert first == again
+    first = DRAWN[name]()
+    assert first == DRAWN[name]()
     root = ET.fromstring(first)
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert {"width", "height", "viewBox"} <= set(root.attrib)
-    links = [
-        value for node in root.iter() for key, value in node.attrib.items() if key.endswith("href")
-    ]
-    assert all(link.startswith("#") for link in links)
-    assert not [node for node in root.iter() if node.tag.endswith(("}image", "}text", "}date"))]
+    for node in root.iter():
+        assert not node.tag.endswith(("}image", "}text", "}date"))
+        links = [value for key, value in node.attrib.items() if key.endswith("href")]
+        assert all(link.startswith("#") for link in links)
 
 
 def test_more_panels_take_more_rows() -> None:
@@ -89,57 +91,43 @@ def test_more_panels_take_more_rows() -> None:
     assert sizes[1][1] > 1.5 * sizes[0][1]
 
 
-@pytest.fixture
-def drawn() -> dict[str, Array]:
-    """Return what is drawn of a map by label, shape (2, points)."""
-    axis = Figure().subplots()
-    figures.paint_map(axis, "title", walk(), KEPT)
-    return {str(line.get_label()): np.array(line.get_data()) for line in axis.lines}
+def painted(kept: Array = KEPT, width: float = 4.0) -> Axes:
+    axis = Figure(figsize=(7, 3)).subplots()
+    figures.paint_map(axis, walk(width), title="title", kept=kept)
+    return axis
 
 
 @pytest.mark.parametrize("width", [4.0, 9.0])
 def test_a_map_is_true_to_scale_and_holds_the_room(width: float) -> None:
-    axis = Figure(figsize=(7, 3)).subplots()
-    figures.paint_map(axis, "title", walk(width), KEPT)
+    axis = painted(width=width)
     assert axis.get_aspect() == 1.0
     (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
     assert left < 0 and right > 6 and low < 0 and high > width
     assert (right - left) / (high - low) == pytest.approx((6 + 1.2) / (width + 1.2))
 
 
-def test_a_map_shows_walls_path_and_every_point_once(drawn: dict[str, Array]) -> None:
+def test_a_map_shows_walls_path_and_every_point_once() -> None:
+    """Kinds of points differ in shape, not in colour alone."""
+    lines: dict[Any, Any] = {line.get_label(): line for line in painted().lines}
+    drawn = {label: np.array(line.get_data()) for label, line in lines.items()}
     assert np.array_equal(drawn["path"].T, POSES)
     assert np.array_equal(drawn["wall"][:, 0], drawn["wall"][:, -1])
     assert drawn["wall"].shape == (2, 5)
-    assert np.array_equal(drawn["kept, on a wall"].T, POINTS[[0, 2]])
-    assert np.array_equal(drawn["kept, spurious"].T, POINTS[[3]])
-    assert np.array_equal(drawn["rejected"].T, POINTS[[1, 4]])
+    points = {"kept, on a wall": [0, 2], "kept, spurious": [3], "rejected": [1, 4]}
+    for label, rows in points.items():
+        assert np.array_equal(drawn[label].T, POINTS[rows])
+    assert len({lines[label].get_marker() for label in points}) == 3
 
 
 def test_the_title_says_how_many_kept_points_are_true() -> None:
+    assert painted().get_title() == "title\n67% of 3 points on a wall"
+    assert painted(NOTHING).get_title() == "title\nno points"
+
+
+def test_lines_over_snr_have_their_interval_and_colours_begin_anew() -> None:
     axis = Figure().subplots()
-    figures.paint_map(axis, "filtered", walk(), KEPT)
-    assert axis.get_title() == "filtered\n67% of 3 points on a wall"
-    figures.paint_map(axis, "filtered", walk(), np.zeros(5, dtype=bool))
-    assert axis.get_title() == "filtered\nno points"
-
-
-def test_kinds_of_points_differ_in_shape_not_in_colour_alone() -> None:
-    axis = Figure().subplots()
-    figures.paint_map(axis, "title", walk(), KEPT)
-    markers = [line.get_marker() for line in axis.lines if line.get_linestyle() == "None"]
-    assert len(set(markers)) == 3
-
-
-def test_lines_over_snr_are_in_order_with_their_interval() -> None:
-    axis = Figure().subplots()
-    figures.paint_line(axis, "a", [row("-10", 0.6), row("0", 0.9)], number=0)
+    figures.paint_line(axis, [row("-10", 0.6), row("0", 0.9)], label="a", number=0)
     assert np.array_equal(np.array(axis.lines[0].get_data()), [[-10, 0], [0.6, 0.9]])
-    edges = np.array(axis.collections[0].get_paths()[0].vertices)
-    assert edges[:, 1].min() == pytest.approx(0.5) and edges[:, 1].max() == pytest.approx(0.95)
-
-
-def test_colours_and_markers_do_not_run_out() -> None:
-    many = {str(n): [row("0", 0.5), row("-5", 0.4)] for n in range(30)}
-    assert ET.fromstring(figures.over_snr({"room": many}, ylabel="y")) is not None
-    assert len(set(figures.CYCLE)) == 8
+    edges = np.array(axis.collections[0].get_paths()[0].vertices)[:, 1]
+    assert (edges.min(), edges.max()) == pytest.approx((0.5, 0.95))
+    assert len({figures.stroke(number)["color"] for number in range(30)}) == 8

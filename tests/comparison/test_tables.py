@@ -1,292 +1,265 @@
-"""Tables by hand: who is chosen, which cells a line has, in which order they come."""
+"""Tables and choices by hand: who is chosen, which cells a line has, in which order they come."""
 
 from dataclasses import replace
 from pathlib import Path
-from statistics import mean
 from typing import Any
 
 import numpy as np
 import pytest
 
-from echolearn.comparison import tables
-from echolearn.comparison.tables import Comparison, pick
-from echolearn.evaluation.scoring import Heard, Row, Sheet
+from echolearn.comparison import choice, tables
+from echolearn.comparison.choice import Comparison
+from echolearn.comparison.tables import pick, pivot
+from echolearn.evaluation.rows import (
+    SNR_BANDS_DB,
+    LabelledRows,
+    LocalizedSurvey,
+    Model,
+    Recordings,
+    Row,
+)
 from echolearn.training.runs import Run
 from world import World
 
+COLUMNS = ("toa",)
+TENSOR = ("covariance",)
+
 
 def row(classifier: str, trained_on: str, tested_on: str, value: float, **more: Any) -> Row:
-    """Return a row of results with the mean over seeds."""
-    common = {
-        "seed": "",
-        "snr_db": "",
-        "metric": "auc",
-        "ci_low": value - 0.1,
-        "ci_high": value + 0.1,
-    }
-    return (
-        {"classifier": classifier, "trained_on": trained_on, "tested_on": tested_on, "value": value}
-        | common
-        | more
-    )
+    """Return a row of results on a set with the mean over seeds."""
+    role, split, target = ("reference", "", "") if trained_on == "-" else LEARNED
+    model = Model(classifier, trained_on, role, "", split, target)
+    common = {"seed": "", "snr_db": "", "metric": "auc", "value": value}
+    return model._asdict() | Recordings(tested_on, "set")._asdict() | common | more
 
 
-def validated(*balanced: float) -> list[Run]:
-    """Return a run per seed with these validation figures."""
-    return [
-        Run(Path(), {"validation": {"balanced_accuracy": share}, "seed": s})
-        for s, share in enumerate(balanced)
-    ]
+LEARNED = ("learned", "position", "reflector")
 
 
-def bare(
-    runs: dict[tuple[str, str], list[Run]] | None = None,
-    heard: dict[tuple[str, str], Heard] | None = None,
-) -> Comparison:
+def trained(
+    classifier: str, trained_on: str, *balanced: float, method: str = "svm", **more: Any
+) -> tuple[Model, list[Run]]:
+    """Return a model with a run per seed that has these validation figures."""
+    inputs = TENSOR if classifier.startswith("covnet") else COLUMNS
+    role = "baseline" if method == "threshold" else "learned"
+    model = Model(classifier, trained_on, role, method, "position", "reflector")._replace(**more)
+    runs = []
+    for seed, share in enumerate(balanced):
+        figures = {"validation": {"balanced_accuracy": share}, "seed": seed, "inputs": inputs}
+        runs.append(Run(Path(), figures))
+    return model, runs
+
+
+def bare(*models: tuple[Model, list[Run]], **more: Any) -> Comparison:
     """Return a comparison that knows nothing else."""
-    return Comparison(runs or {}, {}, heard or {}, [], [])
+    return replace(Comparison(dict(models), {}, {}, {}, [], []), **more)
 
 
-def walk(snr_db: float) -> Heard:
-    """Return a survey of four poses at an SNR, two of them near a wall."""
+def walk(name: str, room: str, snr_db: float, localizer: str = "gated") -> Any:
+    """Return a survey of four poses, two of them near a wall, by survey and localizer."""
     corners = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 8.0], [0.0, 8.0]])
     poses = np.array([[1.5, 4.0], [4.0, 4.0], [4.1, 4.0], [4.0, 1.2]])
-    sheet = Sheet("", np.ones(4, dtype=bool), np.arange(4), np.full(4, snr_db), np.ones((1, 4)))
-    return Heard(sheet, poses, poses, corners, {})
+    source = Recordings(name, "survey", room=room, localizer=localizer)
+    true, levels = np.ones(4, dtype=bool), np.full(4, snr_db)
+    labelled = LabelledRows(source, true, np.arange(4), levels, np.ones((1, 4)))
+    return (name, localizer), LocalizedSurvey(labelled, poses, poses, corners, {})
 
 
-def test_pick_takes_rows_that_equal_all_that_is_wanted() -> None:
+def test_pick_and_pivot() -> None:
     rows = [
-        row("a", "s", "t", 1.0),
-        row("b", "s", "t", 2.0),
-        row("b", "-", "t", 3.0),
-        row("c", "s", "u", 4.0),
+        row("a", "s", "t", 1),
+        row("b", "s", "t", 2),
+        row("b", "-", "t", 3),
+        row("c", "s", "u", 4),
     ]
-    assert [r["value"] for r in pick(rows, classifier="b")] == [2.0, 3.0]
-    assert [r["value"] for r in pick(rows, trained_on=("-", "s"), tested_on="t")] == [1.0, 2.0, 3.0]
+    assert [r["value"] for r in pick(rows, classifier="b")] == [2, 3]
+    assert [r["value"] for r in pick(rows, trained_on=("-", "s"), tested_on="t")] == [1, 2, 3]
     assert pick(rows, classifier="b", tested_on="u") == []
+    table = pivot(rows, lines=("classifier", "trained_on"), cells="tested_on")
+    assert list(table) == [("a", "s"), ("b", "s"), ("b", "-"), ("c", "s")]
+    assert table["c", "s"] == {"u": rows[3]}
 
 
 class TestChoice:
-    RUNS = {
-        ("threshold_peak", "scattered"): validated(0.99, 0.99),
-        ("svm_pair", "scattered"): validated(0.7, 0.8),
-        ("svm_features", "scattered"): validated(0.9, 0.7),
-        ("trees_features", "scattered"): validated(0.6, 0.99),
-        ("mlp_pair", "scattered"): validated(0.75, 0.75),
-        ("trees_features", "paper"): validated(1.0),
-        ("svm_toa", "paper"): validated(1.0),
-    }
+    MODELS = (
+        trained("threshold_peak", "scattered", 0.99, 0.99, method="threshold"),
+        trained("svm_pair", "scattered", 0.7, 0.8),
+        trained("svm_features", "scattered", 0.9, 0.7),
+        trained("trees_features", "scattered", 0.6, 0.99, method="trees"),
+        trained("mlp_pair", "scattered", 0.75, 0.75, method="network"),
+        trained("trees_features", "paper", 1.0, method="trees"),
+        trained("svm_toa", "paper", 1.0),
+    )
+    RANKED = ("threshold_peak", "svm_features", "trees_features", "mlp_pair", "svm_pair")
+    MADE_FOR: Any = {"roles": {"scattered": "training"}}
 
-    def test_the_best_learned_one_on_its_validation_rows_is_chosen(self) -> None:
-        assert tables.chosen(bare(self.RUNS), "scattered") == "svm_features"
+    def test_the_best_learned_model_on_its_validation_rows_is_chosen(self) -> None:
+        comparison = bare(*self.MODELS, **self.MADE_FOR)
+        ranked = choice.ranked(comparison, "scattered")
+        assert tuple(model.classifier for model in ranked) == self.RANKED
+        assert choice.chosen(comparison).classifier == "svm_features"
+        assert choice.chosen_run(comparison).seed == 0
 
-    def test_equals_are_chosen_by_name(self) -> None:
-        assert tables.chosen(bare(self.RUNS), "paper") == "svm_toa"
-
-    def test_a_threshold_is_chosen_if_nothing_was_learned(self) -> None:
-        runs = {("threshold_score", "a"): validated(0.7), ("threshold_peak", "a"): validated(0.8)}
-        assert tables.chosen(bare(runs), "a") == "threshold_peak"
-
-    def test_scores_are_means_over_seeds_the_best_first(self) -> None:
-        scores = tables.validated(bare(self.RUNS), "scattered")
-        assert list(scores) == [
-            "threshold_peak",
-            "svm_features",
-            "trees_features",
-            "mlp_pair",
-            "svm_pair",
-        ]
-        assert scores["trees_features"] == pytest.approx(0.795)
+    def test_equals_are_chosen_by_name_and_a_threshold_if_nothing_was_learned(self) -> None:
+        assert choice.chosen(bare(*self.MODELS)).classifier == "svm_toa"
+        one = trained("threshold_score", "a", 0.7, method="threshold")
+        other = trained("threshold_peak", "a", 0.8, method="threshold")
+        assert choice.chosen(bare(one, other)).classifier == "threshold_peak"
 
     def test_the_best_of_each_family_is_drawn_and_the_papers_pair(self) -> None:
-        drawn = tables.drawn(bare(self.RUNS), "scattered")
-        assert drawn == ["threshold_peak", "svm_features", "trees_features", "mlp_pair", "svm_pair"]
-        more = self.RUNS | {
-            ("svm_score", "scattered"): validated(0.75),
-            ("covnet", "scattered"): validated(0.1),
-        }
-        more |= {("covnet_gated", "scattered"): validated(0.2)}
-        assert set(tables.drawn(bare(more), "scattered")) == {*drawn, "covnet", "covnet_gated"}
-
-    def test_the_headline_is_about_the_scattered_set(self) -> None:
-        assert tables.headline_set(bare(self.RUNS)) == "scattered"
-        assert (
-            tables.headline_set(bare({("a", "tiny_scattered"): [], ("a", "tiny"): []}))
-            == "tiny_scattered"
+        drawn = choice.drawn(bare(*self.MODELS, **self.MADE_FOR))
+        assert tuple(model.classifier for model in drawn) == self.RANKED
+        more = (
+            trained("svm_score", "scattered", 0.75),
+            trained("covnet", "scattered", 0.1, method="network"),
+            trained("covnet_gated", "scattered", 0.2, method="network"),
         )
-        assert tables.headline_set(bare({("a", "paper"): [], ("a", "alone"): []})) == "alone"
+        drawn = choice.drawn(bare(*self.MODELS, *more, **self.MADE_FOR))
+        names = {model.classifier for model in drawn}
+        assert names == {*self.RANKED, "covnet", "covnet_gated"}
 
     @pytest.mark.parametrize(
-        "name", ["threshold_peak", "keep_everything", "keep_nothing", "oracle", "chance"]
+        ("tested", "headline"),
+        [
+            ((), "a_made"),
+            (("paper", "b_made"), "b_made"),
+            (("paper",), "paper"),
+            (("nothing",), "a_made"),
+        ],
     )
-    def test_yardsticks_have_learned_nothing(self, name: str) -> None:
-        assert not tables.is_learned(name)
-        assert tables.is_learned("svm_pair") and tables.is_learned("covnet")
+    def test_a_set_made_for_training_is_the_headline_and_rather_one_that_is_tested(
+        self, tested: tuple[str, ...], headline: str
+    ) -> None:
+        names = ("paper", "b_made", "a_made")
+        models = [trained("svm", name, 0.5) for name in names]
+        models.append(trained("svm", "a_made", 0.5, split="row"))
+        roles = {"paper": "grid", "a_made": "training", "b_made": "training"}
+        sets: Any = dict.fromkeys(tested)
+        assert choice.headline(bare(*models, roles=roles, sets=sets)) == headline
 
 
-class TestWalks:
-    HEARD = {
-        ("8x6x5_10dB", "gated"): walk(10.0),
-        ("8x6x5_-5dB", "gated"): walk(-5.0),
-        ("8x6x5_-5dB", "snls"): walk(-5.0),
-        ("8x6x5_0dB", "gated"): walk(0.0),
-        ("13x11x5_0dB", "gated"): walk(0.0),
-    }
+class TestSurveys:
+    SURVEYS = dict(
+        (
+            walk("one_10dB", "8x6x5", 10.0),
+            walk("one_-5dB", "8x6x5", -5.0),
+            walk("one_-5dB", "8x6x5", -5.0, "snls"),
+            walk("one_0dB", "8x6x5", 0.0),
+            walk("two_0dB", "13x11x5", 0.0),
+        )
+    )
 
-    def test_rooms_and_their_snrs(self) -> None:
-        one = bare(heard=self.HEARD)
-        assert tables.rooms(one) == ["8x6x5", "13x11x5"]
+    def results(self, classifier: str, trained_on: str = "-", **more: Any) -> list[Row]:
+        """Return a row for each survey, with titles."""
+        rows = []
+        for survey in self.SURVEYS.values():
+            here = survey.labelled.source._asdict() | {"snr_db": survey.snr_db}
+            rows.append(row(classifier, trained_on, "", len(rows)) | here | more)
+        return tables.titled(rows, self.SURVEYS.values())
+
+    def test_snrs_and_the_main_localizer(self) -> None:
+        one = bare(surveys=self.SURVEYS)
         assert tables.snrs(one) == ["10", "-5", "0"]
         assert tables.levels(one) == ["0", "-5"]
-        assert tables.walks(one, "0") == ["8x6x5_0dB", "13x11x5_0dB"]
-        assert tables.walks(one, "-5") == ["8x6x5_-5dB"]
         assert tables.main_localizer(one) == "gated"
+        unusual = bare(surveys=dict((walk("a", "a", 3.0), walk("b", "a", 7.0))))
+        assert tables.levels(unusual) == ["3", "7"]
+        assert tables.main_localizer(bare()) == ""
 
-    def test_where_no_usual_snr_was_walked_all_are_shown(self) -> None:
-        assert tables.levels(
-            bare(heard={("a_3dB", "gated"): walk(3.0), ("a_7dB", "gated"): walk(7.0)})
-        ) == ["3", "7"]
+    @pytest.mark.parametrize(
+        ("noises", "snr_db", "places"),
+        [
+            (("white", "white"), (0.0, -5.0), ("8x6x5", "8x6x5")),
+            (("white", "rotor"), (0.0, 0.0), ("8x6x5, white", "8x6x5, rotor")),
+            (("white", "white"), (0.0, 0.0), ("a", "b")),
+        ],
+    )
+    def test_surveys_of_one_room_stand_together_if_their_snr_tells_them_apart(
+        self, noises: Any, snr_db: Any, places: Any
+    ) -> None:
+        surveys = []
+        for name, noise, level in zip("ab", noises, snr_db, strict=True):
+            _, survey = walk(name, "8x6x5", level)
+            source = survey.labelled.source._replace(noise=noise)
+            surveys.append(replace(survey, labelled=replace(survey.labelled, source=source)))
+        rows = [row("chance", "-", name, 0.5) for name in "ab"]
+        assert tuple(each["place"] for each in tables.titled(rows, surveys)) == places
 
-    def test_unfiltered_shares_by_room_and_localizer(self) -> None:
-        whole = [
-            row(
-                "keep_everything",
-                "-",
-                f"{name}/{localizer}",
-                0.1 * number,
-                metric="precision",
-                snr_db=tables.snr_of(h),
-            )
-            for number, ((name, localizer), h) in enumerate(self.HEARD.items())
-        ]
-        found = tables.directions(whole, bare(heard=self.HEARD))
-        assert [(line["room"], line["localizer"]) for line in found] == [
-            ("8x6x5", "gated"), ("8x6x5", "snls"), ("13x11x5", "gated")
-        ]  # fmt: skip
-        assert {snr: cell["value"] for snr, cell in found[0]["share"].items()} == pytest.approx(
-            {"10": 0.0, "-5": 0.1, "0": 0.3}
-        )
-        assert found[0]["attainable"] == 0.5
+    def test_by_room_there_is_a_line_per_localizer_and_a_cell_per_snr(self) -> None:
+        rows = self.results("keep_everything", metric="precision")
+        rows += self.results("oracle", metric="precision")
+        table = tables.by_room(tables.unfiltered(rows))
+        assert list(table) == [("8x6x5", "gated"), ("8x6x5", "snls"), ("13x11x5", "gated")]
+        cells = {snr_db: cell["value"] for snr_db, cell in table["8x6x5", "gated"].items()}
+        assert cells == {"10": 0, "-5": 1, "0": 3}
 
-    def test_what_a_classifier_saves_of_each_localizer(self) -> None:
-        whole = [
-            row(
-                name,
-                source,
-                f"{walk}/{localizer}",
-                value,
-                metric=metric,
-                snr_db=tables.snr_of(heard),
-            )
-            for (walk, localizer), heard in self.HEARD.items()
-            for name, source, value in (
-                ("one", "set", 0.75),
-                ("two", "set", 0.5),
-                ("one", "other", 0.25),
-            )
-            for metric in ("precision", "true_retention", "f1")
-        ]
-        found = tables.saved(whole, bare(heard=self.HEARD), source="set", best="one")
-        assert [(line["room"], line["localizer"], list(line["cells"])) for line in found] == [
-            ("8x6x5", "gated", ["10", "-5", "0"]), ("8x6x5", "snls", ["-5"]), ("13x11x5", "gated", ["0"])
-        ]  # fmt: skip
-        precision, retention = found[1]["cells"]["-5"]
-        assert (precision["metric"], retention["metric"]) == ("precision", "true_retention")
-        assert precision["value"] == retention["value"] == 0.75
+    def test_a_rooms_tables_have_metrics_and_the_test_against_the_threshold(self) -> None:
+        rows = self.results("keep_everything", metric="precision")
+        for metric in ("f1", "test"):
+            rows += self.results("one", "set", metric=metric)
+        rooms = tables.map_tables(rows, bare(surveys=self.SURVEYS))
+        assert list(rooms) == ["8x6x5", "13x11x5"]
+        room = rooms["8x6x5"]
+        assert (room["poses"], room["attainable"]) == (4, 0.5)
+        assert list(room["tables"]) == ["0", "-5"]
+        lines = room["tables"]["0"]
+        assert list(lines) == [("keep_everything", "reference"), ("one", "learned")]
+        assert set(lines["one", "learned"]) == {"f1", "test"}
 
-    def test_a_line_has_its_metrics_and_its_test_against_the_threshold(self) -> None:
-        whole = [
-            row(name, "set", "a_0dB/gated", 0.5, metric=m)
-            for name in ("one", "two")
-            for m in ("f1", "precision")
-        ]
-        whole += [
-            row("oracle", "-", "a_0dB/gated", 1.0, metric="f1"),
-            row("one", "other", "a_0dB/gated", 0.9),
-        ]
-        whole += [row("one", "set", "a_0dB/snls", 0.9)]
-        test = {
-            "tested_on": "a_0dB/gated",
-            "trained_on": "set",
-            "classifier": "two",
-            "difference": 0.25,
-        }
-        known = Comparison(
-            {}, {}, {}, [], [test, test | {"trained_on": "other", "classifier": "one"}]
-        )
-        lines = tables.map_lines(known, whole, "a_0dB/gated", source="set")
-        assert [line["classifier"] for line in lines] == ["one", "two", "oracle"]
-        assert [line["test"] for line in lines] == [None, test, None]
-        assert lines[1]["precision"]["value"] == 0.5 and lines[2]["f1"]["value"] == 1.0
-        assert [line["learned"] for line in lines] == [True, True, False]
+    def test_a_room_is_new_to_a_model_unless_its_set_was_made_there(self) -> None:
+        sizes = {"there": [[8.0, 8.0, 5.0], [9.0, 8.0, 5.0]], "elsewhere": [[8.0, 7.9, 5.0]]}
+        sets: Any = {name: {"room": np.array(size)} for name, size in sizes.items()}
+        one = bare(surveys=self.SURVEYS, sets=sets)
+        assert tables.unseen(one, "elsewhere")
+        assert not tables.unseen(one, "there")
+        assert not tables.unseen(one, "nobody knows")
 
 
 class TestSets:
     def test_trained_on_times_tested_on(self) -> None:
-        whole = [
+        rows = [
             row("a", "paper", "paper", 0.9),
             row("a", "paper", "off", 0.5),
             row("a", "alone", "off", 0.8),
             row("chance", "-", "off", 0.51),
             row("a", "paper", "off", 0.1, snr_db="-5:40"),
-            row("a", "paper", "room_0dB/gated", 0.2),
+            row("a", "paper", "walk", 0.2, kind="survey"),
         ]
-        found = tables.generalisation(
-            whole, Comparison({}, {"paper": None, "off": None}, {}, [], [])
-        )  # type: ignore[dict-item]
-        assert found["columns"] == ["paper", "off"]
-        assert [(line["trained_on"], line["classifier"]) for line in found["lines"]] == [
-            ("-", "chance"), ("alone", "a"), ("paper", "a")
-        ]  # fmt: skip
-        cells = [
-            {name: cell["value"] for name, cell in line["cells"].items()} for line in found["lines"]
+        found = tables.generalisation(tables.titled(rows, []))
+        cells = {}
+        for (training, _, classifier), line in found.items():
+            cells[training, classifier] = {name: cell["value"] for name, cell in line.items()}
+        assert list(cells.items()) == [
+            (("-", "chance"), {"off": 0.51}),
+            (("alone", "a"), {"off": 0.8}),
+            (("paper", "a"), {"paper": 0.9, "off": 0.5}),
         ]
-        assert cells == [{"off": 0.51}, {"off": 0.8}, {"paper": 0.9, "off": 0.5}]
 
-    def test_the_worst_off_grid_set_counts(self) -> None:
-        whole = [
-            row("a", "set", name, v)
-            for name, v in (("offgrid_1", 0.8), ("offgrid_2", 0.7), ("paper", 0.2))
+    def test_the_worst_of_the_sets_made_for_testing_counts(self) -> None:
+        rows = [
+            row("a", "set", name, value, set_role="test") for name, value in zip("xyz", (8, 7, 9))
         ]
-        whole += [row("a", "other", "offgrid_1", 0.1), row("chance", "-", "offgrid_1", 0.5)]
-        found = tables.worst_off_grid(whole, "set")
-        assert {name: cell["value"] for name, cell in found.items()} == {"a": 0.7, "chance": 0.5}
+        rows += [row("a", "set", "paper", 2), row("chance", "-", "x", 5, set_role="test")]
+        found = tables.worst_test_set(rows)
+        assert {name: cell["value"] for name, cell in found.items()} == {"a": 7, "chance": 5}
 
     def test_a_leak_is_the_same_classifier_split_both_ways(self) -> None:
-        clean, leaky = (
-            row("a", "planar", "planar", 0.8),
-            row("a", "planar (row split)", "planar", 0.95),
-        )
-        alone, elsewhere = (
-            row("b", "planar (row split)", "planar", 0.9),
-            row("a", "planar (row split)", "paper", 0.7),
-        )
-        assert tables.leak([clean, leaky, alone, elsewhere]) == [
-            {"classifier": "a", "set": "planar", "leaky": leaky, "clean": clean}
-        ]
+        clean = row("a", "planar", "planar", 0.8)
+        leaky = row("a", "planar", "planar", 0.95, split="row")
+        alone = row("b", "planar", "planar", 0.9, split="row")
+        elsewhere = row("a", "planar", "paper", 0.7, split="row")
+        found = tables.leak([clean, leaky, alone, elsewhere])
+        assert found == {("a", "planar", "reflector"): {"row": leaky, "position": clean}}
 
     def test_the_papers_protocol_is_a_mean_over_seeds(self) -> None:
-        def figures(auc: float) -> dict[str, float]:
-            return {"auc": auc, "balanced_accuracy": auc - 0.1, "accuracy": auc - 0.2}
-
-        folds = {"balanced_accuracy": {"mean": 0.77}}
-        runs = [
-            Run(
-                Path(),
-                {
-                    "rows": {},
-                    "validation": figures(0.9),
-                    "test": figures(auc),
-                    "cross_validation": crossed,
-                },
-            )
-            for auc, crossed in ((0.7, folds), (0.9, None))
-        ]
-        [line] = tables.protocol(bare({("a", "set"): runs}))
-        assert line["test"] == pytest.approx(figures(0.8))
-        assert line["spread"] == pytest.approx(0.1 * 2**0.5)
-        assert line["folds"] == 0.77
+        runs = []
+        for auc, folds in ((0.7, {"balanced_accuracy": {"mean": 0.77}}), (0.9, None)):
+            test = {"auc": auc, "balanced_accuracy": auc - 0.1, "accuracy": auc - 0.2}
+            runs.append(Run(Path(), {"rows": {}, "test": test, "cross_validation": folds}))
+        [line] = tables.protocol(bare((Model("a", "set", split="row"), runs)))
+        assert line["training"] == "set (row split)"
+        figures = [line[key] for key in ("auc", "balanced_accuracy", "accuracy", "spread", "folds")]
+        assert figures == pytest.approx([0.8, 0.7, 0.6, 0.1 * 2**0.5, 0.77])
 
     def test_a_set_is_described_by_its_rows(self, world: World) -> None:
         dataset = world.sets["scattered"]
@@ -294,48 +267,21 @@ class TestSets:
         assert (found["rows"], found["positions"], found["digest"]) == (140, 140, dataset.digest)
         assert found["reflector"] == pytest.approx(dataset["reflector"].mean())
         assert found["on_map"] == pytest.approx(dataset["on_map"].mean())
-        loud = dataset["snr_db"] >= -5
-        assert found["right"][-1] == pytest.approx(dataset["reflector"][loud].mean())
-        sizes = [
-            np.sum((dataset["snr_db"] >= low) & (dataset["snr_db"] < high))
-            for low, high in tables.BANDS
-        ]
-        assert mean(share for share in found["right"]) > 0
+        snr_db = dataset["snr_db"]
+        sizes = [np.sum((snr_db >= low) & (snr_db < high)) for low, high in SNR_BANDS_DB]
         assert np.dot(found["right"], sizes) == pytest.approx(dataset["reflector"].sum())
 
 
-def test_a_real_comparison_has_every_table(contest: Comparison) -> None:
-    source = tables.headline_set(contest)
-    best = tables.chosen(contest, source)
-    facts = tables.gather(contest, source=source, best=best)
-    assert source == "scattered" and best in ("svm_pair", "trees_features")
+def test_a_real_comparison_has_every_table(comparison: Comparison) -> None:
+    facts = tables.gather(comparison)
+    assert facts["source"] == "scattered" and facts["best"] in ("svm_pair", "trees_features")
     assert facts["seeds"] == [0, 1] and facts["runs"] == 7
+    assert facts["away"] == "offgrid_hall" and facts["unseen"]
     assert facts["snrs"] == facts["levels"] == ["0", "-10"]
-    [room] = facts["rooms"]
-    assert (room["room"], room["poses"]) == ("hall", 36)
-    assert set(room["best"]) == {"0", "-10"}
-    assert all(line["classifier"] == best for line in room["best"].values())
-    assert set(facts["names"]) == {
-        "svm_pair", "threshold_peak", "trees_features", "chance", "keep_everything", "keep_nothing", "oracle"
-    }  # fmt: skip
-    assert facts["leak"] == []
-    assert {r["trained_on"] for r in facts["tests"]} == {"scattered"}
-    assert set(facts["worst"]) == {"svm_pair", "threshold_peak", "trees_features", "chance"}
-
-
-def test_a_scattered_set_heads_the_tables_and_rather_one_that_is_tested() -> None:
-    runs = {("svm", name): validated(0.5) for name in ("paper", "b_scattered", "a_scattered")}
-    contest = bare(runs)
-    assert tables.headline_set(contest) == "a_scattered"
-    tested: Any = {"paper": {}, "b_scattered": {}}
-    assert tables.headline_set(replace(contest, sets=tested)) == "b_scattered"
-    assert tables.headline_set(replace(contest, sets={"paper": tested["paper"]})) == "paper"
-
-
-def test_a_room_is_new_to_a_classifier_unless_its_set_was_made_there() -> None:
-    contest = bare(heard={("8x8x5_0dB", "gated"): walk(0.0)})
-    sizes = {"there": [[8.0, 8.0, 5.0], [9.0, 8.0, 5.0]], "elsewhere": [[8.0, 7.9, 5.0]]}
-    sets: Any = {name: {"room": np.array(size)} for name, size in sizes.items()}
-    assert tables.unseen(replace(contest, sets=sets), "elsewhere")
-    assert not tables.unseen(replace(contest, sets=sets), "there")
-    assert not tables.unseen(contest, "elsewhere")  # nobody knows
+    [room] = facts["rooms"].items()
+    assert (room[0], room[1]["poses"], set(room[1]["tables"])) == ("6x5x4", 36, {"0", "-10"})
+    learned = {"svm_pair", "threshold_peak", "trees_features"}
+    assert set(facts["worst"]) == learned | {"chance"}
+    assert set(facts["names"]) == {*facts["worst"], "keep_everything", "keep_nothing", "oracle"}
+    assert facts["leak"] == {}
+    assert {each["trained_on"] for each in facts["tests"]} == {"scattered"}

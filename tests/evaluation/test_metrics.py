@@ -1,5 +1,7 @@
 """Golden numbers by hand for every metric, scikit-learn as the oracle, and what empty input gives."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from sklearn import metrics as oracle
@@ -11,16 +13,8 @@ from echolearn.evaluation import metrics
 REFERENCE = np.array([True, True, True, False, False, True, False, False])
 CONFIDENCE = np.array([0.9, 0.8, 0.3, 0.7, 0.2, 0.6, 0.6, 0.1])
 KEPT = CONFIDENCE >= 0.5  # 3 true and 2 false kept, 1 true and 2 false dropped
-JUDGED = {
-    metrics.precision: 3 / 5,
-    metrics.recall: 3 / 4,
-    metrics.specificity: 2 / 4,
-    metrics.accuracy: 5 / 8,
-    metrics.balanced_accuracy: (3 / 4 + 2 / 4) / 2,
-    metrics.f1: 2 * 3 / (2 * 3 + 2 + 1),
-}
-RATES = list(JUDGED)
-RANKED = [metrics.auc, metrics.average_precision, metrics.expected_calibration_error]
+LABELS = partial(metrics.evaluate_labels, threshold=0.5)
+ERRORS = [metrics.error_mean, partial(metrics.error_quantile, share=0.5)]
 
 
 @pytest.fixture
@@ -31,56 +25,43 @@ def rows():
     return reference, confidence, rng.integers(0, 4, size=(5, 300))
 
 
-def test_confusion_by_hand():
-    assert [float(n) for n in metrics.confusion(REFERENCE, KEPT)] == [3, 2, 1, 2]
+def test_labels_by_hand():
+    """AUC: spurious rows beaten are 4, 4, 2 and a tie, 2. Average precision: kept at 0.9, 0.8, 0.6
+    (two rows, one true) and 0.3, each adds a quarter of recall. Calibration: rows stand alone in
+    their bin, but for the two at 0.6."""
+    expected = {
+        "accuracy": 5 / 8,
+        "balanced_accuracy": (3 / 4 + 2 / 4) / 2,
+        "precision": 3 / 5,
+        "recall": 3 / 4,
+        "specificity": 2 / 4,
+        "f1": 2 * 3 / (2 * 3 + 2 + 1),
+        "auc": (4 + 4 + 2.5 + 2) / 16,
+        "average_precision": (1 + 1 + 3 / 5 + 4 / 6) / 4,
+        "expected_calibration_error": (0.1 + 0.2 + 0.7 + 0.7 + 0.2 + 2 * 0.1 + 0.1) / 8,
+    }
+    found = LABELS(REFERENCE, CONFIDENCE)
+    assert {name: float(value) for name, value in found.items()} == pytest.approx(expected)
+    assert metrics.auc(REFERENCE, CONFIDENCE) == found["auc"]
+    assert metrics.balanced_accuracy(REFERENCE, KEPT) == found["balanced_accuracy"]
 
 
-def test_a_row_at_the_threshold_is_kept():
+def test_the_filter_keeps_from_the_threshold_on():
     assert metrics.kept(np.array([0.49, 0.5, 0.51]), 0.5).tolist() == [False, True, True]
 
 
-@pytest.mark.parametrize(("metric", "expected"), list(JUDGED.items()))
-def test_rates_by_hand(metric, expected):
-    assert metric(REFERENCE, KEPT) == pytest.approx(expected)
-
-
-def test_auc_by_hand():
-    # Spurious rows beaten: 0.9 -> 4, 0.8 -> 4, 0.6 -> 2 and a tie, 0.3 -> 2.
-    assert metrics.auc(REFERENCE, CONFIDENCE) == pytest.approx((4 + 4 + 2.5 + 2) / 16)
-
-
-def test_average_precision_by_hand():
-    # Kept at 0.9: 1/1, at 0.8: 2/2, at 0.6 (two rows, one true): 3/5, at 0.3: 4/6; each adds a quarter of recall.
-    assert metrics.average_precision(REFERENCE, CONFIDENCE) == pytest.approx(
-        (1 + 1 + 3 / 5 + 4 / 6) / 4
-    )
-
-
 def test_pr_curve_by_hand():
-    precision, recall, threshold = metrics.pr_curve(REFERENCE, CONFIDENCE)
-    np.testing.assert_allclose(threshold, [0.9, 0.8, 0.7, 0.6, 0.3, 0.2, 0.1])
+    precision, recall = metrics.pr_curve(REFERENCE, CONFIDENCE)
     np.testing.assert_allclose(precision, [1, 1, 2 / 3, 3 / 5, 4 / 6, 4 / 7, 4 / 8])
     np.testing.assert_allclose(recall, [1 / 4, 2 / 4, 2 / 4, 3 / 4, 1, 1, 1])
 
 
-def test_calibration_by_hand():
+def test_reliability_by_hand():
+    """A bin holds its lower edge, the last one its upper, too; empty bins are NaN."""
     reference = np.array([False, True, True, True])
-    confidence = np.array([0.1, 0.3, 0.5, 1.0])
-    centre, mean, observed, count = metrics.reliability_curve(reference, confidence, bins=2)
-    np.testing.assert_allclose(centre, [0.25, 0.75])
-    np.testing.assert_allclose(mean, [0.2, 0.75])
-    np.testing.assert_allclose(observed, [0.5, 1.0])
-    np.testing.assert_allclose(count, [2, 2])
-    error = metrics.expected_calibration_error(reference, confidence, bins=2)
-    assert error == pytest.approx((2 * 0.3 + 2 * 0.25) / 4)
-
-
-def test_empty_bins_are_nan_and_count_zero():
-    _, mean, observed, count = metrics.reliability_curve(
-        np.array([True]), np.array([0.95]), bins=10
-    )
-    assert np.isnan(mean[:9]).all() and np.isnan(observed[:9]).all()
-    assert count.tolist() == [0] * 9 + [1]
+    mean, observed = metrics.reliability_curve(reference, np.array([0.1, 0.15, 0.95, 1.0]))
+    np.testing.assert_allclose(mean, [np.nan, 0.125, *[np.nan] * 7, 0.975])
+    np.testing.assert_allclose(observed, [np.nan, 0.5, *[np.nan] * 7, 1.0])
 
 
 def test_errors_by_hand():
@@ -100,7 +81,7 @@ def test_quantile_share_is_exact_at_whole_counts():
 def test_labels_agree_with_scikit_learn(rows):
     reference, confidence, _ = rows
     kept = confidence >= 0.5
-    found = metrics.evaluate_labels(reference, confidence)
+    found = LABELS(reference, confidence)
     expected = {
         "auc": oracle.roc_auc_score(reference, confidence),
         "average_precision": oracle.average_precision_score(reference, confidence),
@@ -112,64 +93,64 @@ def test_labels_agree_with_scikit_learn(rows):
         "f1": oracle.f1_score(reference, kept),
     }
     assert {name: float(found[name]) for name in expected} == pytest.approx(expected)
-    assert set(found) == {*expected, "expected_calibration_error"}
 
 
 def test_curves_agree_with_scikit_learn(rows):
     reference, confidence, _ = rows
     observed, mean = calibration_curve(reference, confidence, n_bins=10)
-    _, found_mean, found_observed, count = metrics.reliability_curve(reference, confidence)
-    np.testing.assert_allclose(found_mean[count > 0], mean)
-    np.testing.assert_allclose(found_observed[count > 0], observed)
+    found_mean, found_observed = metrics.reliability_curve(reference, confidence)
+    filled = np.isfinite(found_mean)
+    np.testing.assert_allclose(found_mean[filled], mean)
+    np.testing.assert_allclose(found_observed[filled], observed)
+    count, _ = np.histogram(confidence, bins=10, range=(0, 1))
     error = metrics.expected_calibration_error(reference, confidence)
-    assert error == pytest.approx(count[count > 0] @ np.abs(mean - observed) / 300)
-    precision, recall, threshold = metrics.pr_curve(reference, confidence)
+    assert error == pytest.approx(count[filled] @ np.abs(mean - observed) / 300)
     expected = oracle.precision_recall_curve(reference, confidence)
-    np.testing.assert_allclose(precision, expected[0][-2::-1])
-    np.testing.assert_allclose(recall, expected[1][-2::-1])
-    np.testing.assert_allclose(threshold, expected[2][::-1])
+    for found, other in zip(metrics.pr_curve(reference, confidence), expected, strict=False):
+        np.testing.assert_allclose(found, other[-2::-1])
 
 
-@pytest.mark.parametrize("metric", RATES + RANKED)
 @pytest.mark.parametrize("digits", [1, 9], ids=["ties", "no ties"])
-def test_weights_are_repeated_rows(metric, digits, rows):
+def test_weights_are_repeated_rows(digits, rows):
     reference, confidence, weights = rows
-    estimated = confidence.round(digits) if metric in RANKED else confidence >= 0.5
-    found = metric(reference, estimated, weights=weights)
-    repeated = [metric(np.repeat(reference, row), np.repeat(estimated, row)) for row in weights]
-    np.testing.assert_allclose(found, repeated, rtol=1e-12)
-    np.testing.assert_allclose(
-        metric(reference, estimated, weights=np.ones((2, 300))), metric(reference, estimated)
-    )
+    confidence = confidence.round(digits)
+    found = LABELS(reference, confidence, weights=weights)
+    for number, row in enumerate(weights):
+        again = LABELS(np.repeat(reference, row), np.repeat(confidence, row))
+        for name, value in again.items():
+            assert found[name][number] == pytest.approx(float(value), rel=1e-12), name
+    ones = LABELS(reference, confidence, weights=np.ones((2, 300)))
+    for name, value in LABELS(reference, confidence).items():
+        np.testing.assert_allclose(ones[name], value)
 
 
-@pytest.mark.parametrize("metric", [metrics.error_mean, metrics.error_quantile])
+@pytest.mark.parametrize("metric", ERRORS)
 def test_weights_of_errors_are_repeated_points(metric, rows):
     kept, error, weights = rows
     repeated = [metric(np.repeat(error, row), np.repeat(kept, row)) for row in weights]
     np.testing.assert_allclose(metric(error, kept, weights=weights), repeated, rtol=1e-12)
 
 
-@pytest.mark.parametrize("metric", RATES + RANKED)
-def test_no_rows_give_nan(metric):
-    estimated = np.empty(0, dtype=float if metric in RANKED else bool)
-    assert np.isnan(metric(np.empty(0, dtype=bool), estimated))
-    assert (
-        np.isnan(metric(np.empty(0, dtype=bool), estimated, weights=np.ones((3, 0)))).tolist()
-        == [True] * 3
-    )
+def test_no_rows_give_nan():
+    empty = np.empty(0)
+    for name, value in LABELS(empty.astype(bool), empty).items():
+        assert np.isnan(value), name
+    for name, value in LABELS(empty.astype(bool), empty, weights=np.ones((3, 0))).items():
+        assert np.isnan(value).tolist() == [True] * 3, name
+
+
+def undefined(reference, confidence):
+    found = LABELS(np.array(reference), np.array(confidence))
+    return {name for name, value in found.items() if np.isnan(value)}
 
 
 def test_one_class_only():
-    true, kept, nothing = np.array([True, True]), np.array([True, False]), np.array([False, False])
-    assert np.isnan(metrics.auc(true, np.array([0.2, 0.9])))
-    assert np.isnan(metrics.specificity(true, kept)) and np.isnan(
-        metrics.balanced_accuracy(true, kept)
-    )
-    assert np.isnan(metrics.average_precision(~true, np.array([0.2, 0.9])))
-    assert np.isnan(metrics.recall(~true, kept)) and np.isnan(metrics.f1(~true, nothing))
-    assert np.isnan(metrics.precision(true, nothing))
-    assert metrics.f1(true, nothing) == 0.0
+    assert undefined([True] * 2, [0.2, 0.9]) == {"auc", "specificity", "balanced_accuracy"}
+    false = {"auc", "average_precision", "recall", "balanced_accuracy"}
+    assert undefined([False] * 2, [0.2, 0.9]) == false
+    assert undefined([False] * 2, [0.2, 0.3]) == false | {"precision", "f1"}
+    assert undefined([True, False], [0.2, 0.3]) == {"precision"}
+    assert LABELS(np.array([True, False]), np.array([0.2, 0.3]))["f1"] == 0.0
 
 
 def test_draws_without_a_class_are_nan_and_do_not_spoil_the_others():
@@ -178,7 +159,7 @@ def test_draws_without_a_class_are_nan_and_do_not_spoil_the_others():
 
 
 @pytest.mark.parametrize(
-    ("reference", "estimated", "weights", "words"),
+    ("reference", "estimated", "weights", "message"),
     [
         (REFERENCE.astype(int), KEPT, None, "class 0"),
         (REFERENCE, KEPT[:5], None, "rows of different sets"),
@@ -187,33 +168,33 @@ def test_draws_without_a_class_are_nan_and_do_not_spoil_the_others():
         (REFERENCE, KEPT, np.ones((3, 5)), "weights"),
     ],
 )
-def test_bad_columns_are_named(reference, estimated, weights, words):
-    with pytest.raises(BadValue, match=words):
-        metrics.accuracy(reference, estimated, weights=weights)
+def test_bad_columns_are_named(reference, estimated, weights, message):
+    with pytest.raises(BadValue, match=message):
+        metrics.rates(reference, estimated, weights=weights)
 
 
 def test_a_logit_is_no_confidence():
     with pytest.raises(BadValue, match="logit"):
-        metrics.evaluate_labels(REFERENCE, 4 * CONFIDENCE)
+        LABELS(REFERENCE, 4 * CONFIDENCE)
     assert metrics.auc(REFERENCE, 4 * CONFIDENCE - 9) == metrics.auc(REFERENCE, CONFIDENCE)
 
 
 CORNERS = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
 POSES = np.array([[4.0, 1.5], [6.5, 3.0], [4.0, 3.0], [4.0, 4.9]])
 POINTS = np.array([[4.0, 0.05], [7.9, 3.0], [4.0, 2.0], [4.0, 6.3]])  # off by 0.05, 0.1, 2.0, 0.3 m
+MAP = {
+    "kept": np.array([True, True, False, True]),
+    "confidence": np.array([0.9, 0.7, 0.2, 0.8]),
+    "poses": POSES,
+}
 
 
-def judge(**changes):
-    case = {
-        "kept": np.array([True, True, False, True]),
-        "confidence": np.array([0.9, 0.7, 0.2, 0.8]),
-        "poses": POSES,
-    } | changes
-    return metrics.evaluate_map(CORNERS, POINTS, **case)
+def evaluated(**changes):
+    found = metrics.evaluate_map(CORNERS, POINTS, **MAP | changes)
+    return {name: value.tolist() for name, value in found.items()}
 
 
 def test_map_by_hand():
-    found = judge()
     expected = {
         "precision": 2 / 3,
         "true_retention": 1.0,
@@ -226,48 +207,40 @@ def test_map_by_hand():
         "error_median": 0.1,
         "error_p95": 0.3,
     }
-    assert {name: float(found[name]) for name in expected} == pytest.approx(expected)
+    found = evaluated()
+    assert {name: found[name] for name in expected} == pytest.approx(expected)
     assert set(found) - set(expected) == {"wall_coverage", "nearest_neighbour_error"}
 
 
 def test_a_point_at_the_tolerance_is_true():
-    on, off = np.array([[4.0, 0.1]]), np.array([[4.0, 0.1001]])
     case = {"kept": np.array([True]), "confidence": np.array([0.5]), "poses": POSES}
-    assert metrics.evaluate_map(CORNERS, on, **case)["precision"] == 1.0
-    assert metrics.evaluate_map(CORNERS, off, **case)["precision"] == 0.0
+    for height, share in ((0.1, 1.0), (0.1001, 0.0)):
+        found = metrics.evaluate_map(CORNERS, np.array([[4.0, height]]), **case)
+        assert found["precision"] == share
 
 
 def test_a_map_that_keeps_nothing():
-    found = judge(kept=np.full(4, False))
-    undefined = {"precision", "error_mean", "error_median", "error_p95", "nearest_neighbour_error"}
-    assert {name for name, value in found.items() if np.isnan(value)} == undefined
-    assert (found["true_retention"], found["spurious_removal"], found["wall_coverage"]) == (
-        0.0,
-        1.0,
-        0.0,
-    )
+    found = evaluated(kept=np.full(4, False))
+    nan = {"precision", "error_mean", "error_median", "error_p95", "nearest_neighbour_error"}
+    assert {name for name, value in found.items() if np.isnan(value)} == nan
+    assert [found[n] for n in ("true_retention", "spurious_removal", "wall_coverage")] == [0, 1, 0]
 
 
 def test_weighted_map_has_a_value_for_each_set_of_weights():
-    weights = np.array([[1, 1, 1, 1], [2, 0, 1, 0]])
-    found = judge(weights=weights)
-    assert "wall_coverage" not in found
-    assert found["precision"].tolist() == pytest.approx([2 / 3, 1.0])
-    assert found["error_mean"].tolist() == pytest.approx([0.15, 0.05])
+    found = evaluated(weights=np.array([[1, 1, 1, 1], [2, 0, 1, 0]]))
+    assert set(evaluated()) - set(found) == {"wall_coverage", "nearest_neighbour_error"}
+    assert found["precision"] == pytest.approx([2 / 3, 1.0])
+    assert found["error_mean"] == pytest.approx([0.15, 0.05])
 
 
-def test_a_map_turned_with_its_room_is_judged_the_same():
-    angle, shift = 0.7, np.array([3.0, -2.0])
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    case = {
-        "kept": np.array([True, True, False, True]),
-        "confidence": np.array([0.9, 0.7, 0.2, 0.8]),
-    }
+def test_a_map_turned_with_its_room_has_the_same_figures():
+    cos, sin = np.cos(0.7), np.sin(0.7)
+    turn = np.array([[cos, sin], [-sin, cos]])
+    shift = np.array([3.0, -2.0])
+    # At the tolerance itself rounding would decide.
     points = POINTS + np.array([[0, 0], [0.02, 0], [0, 0], [0, 0]])
-    here = metrics.evaluate_map(CORNERS, points, poses=POSES, **case)
-    there = metrics.evaluate_map(
-        CORNERS @ turn.T + shift, points @ turn.T + shift, poses=POSES @ turn.T + shift, **case
-    )
-    assert {k: float(v) for k, v in there.items()} == pytest.approx(
-        {k: float(v) for k, v in here.items()}
-    )
+    here = metrics.evaluate_map(CORNERS, points, **MAP)
+    turned = MAP | {"poses": POSES @ turn + shift}
+    there = metrics.evaluate_map(CORNERS @ turn + shift, points @ turn + shift, **turned)
+    for name, value in here.items():
+        assert float(there[name]) == pytest.approx(float(value)), name

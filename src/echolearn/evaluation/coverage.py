@@ -69,7 +69,7 @@ def wall_coverage(corners: Array, points: Array, *, kept: Array, poses: Array) -
     """
     wall, lengths = _reachable(corners, poses)
     covered = _nearest(wall, points[kept]) <= REACH
-    return float(lengths @ covered / lengths.sum()) if len(wall) else float("nan")
+    return float(lengths[covered].sum() / lengths.sum()) if len(wall) else float("nan")
 
 
 def nearest_neighbour_error(corners: Array, points: Array, *, kept: Array, poses: Array) -> float:

@@ -1,0 +1,233 @@
+"""A survey localized: every echo where it was estimated, every point where geometry puts it."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from echolearn.acoustics.signals import noise_covariance, noise_psd
+from echolearn.acoustics.types import Echoes, Observation
+from echolearn.checks import BadValue
+from echolearn.comparison.choice import Comparison
+from echolearn.comparison.localized import localize_survey
+from echolearn.evaluation.rows import LocalizedSurvey, Recordings
+from echolearn.localization.localize import localize
+from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.methods.joint import Joint
+from echolearn.localization.methods.snls import Snls
+from echolearn.simulation.levels import NoiseLevels
+from echolearn.simulation.noise.diffuse import Diffuse
+from echolearn.simulation.noise.rotor import Rotor
+from echolearn.simulation.survey import survey
+from echolearn.survey import audio, reader
+from echolearn.survey.poses import poses_csv
+from world import HALL, POSES, World, plans
+
+SPEED = 343.0
+Localized = Callable[..., LocalizedSurvey]
+
+
+@pytest.fixture(scope="module")
+def walk(world: World) -> Path:
+    """Return the walk at 0 dB."""
+    return world.runs / "survey" / "hall_0dB"
+
+
+@pytest.fixture(scope="module")
+def localized(world: World, walk: Path) -> Localized:
+    """Return a function that localizes a survey by one of the world's localizers."""
+
+    def by(name: str = "gated", folder: Path = walk) -> LocalizedSurvey:
+        localizer = world.arguments["localizers"][name]
+        return localize_survey(folder, localizer, name=name, resamples=9)
+
+    return by
+
+
+@pytest.fixture(scope="module")
+def gated(localized: Localized) -> LocalizedSurvey:
+    return localized()
+
+
+def test_blocks_of_recordings_give_what_all_of_them_give(
+    world: World, walk: Path, gated: LocalizedSurvey
+) -> None:
+    localizer = world.arguments["localizers"]["gated"]
+    _, columns = localize(reader.read_survey(walk).observe(range(POSES)), localizer)
+    assert reader.BLOCK < POSES == len(gated.points)
+    assert set(gated.columns) == set(columns)
+    for name, column in columns.items():
+        assert np.allclose(gated.columns[name], column, rtol=1e-3, atol=1e-4), name
+
+
+@dataclass(frozen=True)
+class Counted(Snls):
+    """Notes how many recordings it is given at a time."""
+
+    given: list[int] = field(default_factory=list)
+
+    def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
+        self.given.append(len(observation.samples))
+        return super().__call__(observation, view)
+
+
+def test_few_long_recordings_are_held_together(walk: Path, tmp_path: Path) -> None:
+    """Twelve seconds of 6 microphones are 1.6 million samples, of which two are less than 2^22 and
+    three are more."""
+    long = 1 << 18
+    folder = shutil.copytree(walk, tmp_path / "walk")
+    read = reader.read_survey(folder)
+    padded = np.pad(read.probe.samples, (0, long - len(read.probe.samples)))
+    (folder / "probe.wav").write_bytes(audio.wav_bytes(padded, read.probe.sample_rate))
+    samples = np.random.default_rng(0).standard_normal((6, long))
+    (folder / read.files[0]).write_bytes(audio.wav_bytes(samples, read.probe.sample_rate))
+    (folder / "poses.csv").write_bytes(poses_csv(read.poses[:5], read.files[:1] * 5))
+    localizer = Counted()
+    assert len(localize_survey(folder, localizer, name="snls", resamples=2).points) == 5
+    assert localizer.given == [2, 2, 1]
+    assert reader.blocks(reader.read_survey(walk)) == [range(32), range(32, 36)]
+
+
+def test_points_lie_where_their_echoes_came_from(walk: Path, gated: LocalizedSurvey) -> None:
+    """Its mirror image beyond the wall is as far from microphone 1 as the echo has come."""
+    for row, pose in enumerate(reader.read_survey(walk).poses):
+        toa, azimuth, elevation = (
+            gated.columns[name][row] for name in ("toa", "azimuth", "elevation")
+        )
+        place = gated.poses[row]
+        reach = gated.points[row] - place
+        assert np.array_equal(place, pose.position[:2])
+        angle = azimuth + pose.heading
+        ahead = np.array([np.cos(angle), np.sin(angle)])
+        assert np.allclose(reach, np.linalg.norm(reach) * ahead)
+        microphone = 0.2 * np.array([np.cos(pose.heading), np.sin(pose.heading)])
+        if np.sin(elevation) > 0.5:  # in the array's plane
+            path = np.linalg.norm(2 * reach - microphone)
+            assert path == pytest.approx(SPEED * toa, abs=1e-6)
+        else:  # from the floor or the ceiling
+            assert np.allclose(reach, 0.0, atol=1e-9)
+
+
+def test_true_is_what_lies_within_ten_centimetres_of_a_wall(comparison: Comparison) -> None:
+    sides = np.array(HALL.size[:2])
+    distances = []
+    for each in comparison.surveys.values():
+        beyond = np.maximum(-each.points, each.points - sides)
+        outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
+        distance = np.where(outside > 0, outside, -beyond.max(axis=1))
+        assert np.array_equal(each.labelled.reference, distance <= 0.10)
+        distances.append(distance)
+    near = np.concatenate(distances)
+    assert (near <= 0.10).any() and ((near > 0.10) & (near < 0.20)).any()
+
+
+def test_in_quiet_most_points_are_true(gated: LocalizedSurvey) -> None:
+    assert 0.4 < gated.labelled.reference.mean() <= gated.attainable + 0.1
+
+
+def test_what_is_known_of_the_recording_goes_into_columns(
+    gated: LocalizedSurvey, comparison: Comparison
+) -> None:
+    labelled = gated.labelled
+    assert labelled.source == Recordings("hall_0dB", "survey", "white", "", "6x5x4", "gated")
+    assert (labelled.joint_snr_db == 0.0).all()
+    assert np.array_equal(labelled.groups, np.arange(POSES))
+    assert labelled.weights.shape == (9, POSES)
+    assert (labelled.weights.sum(axis=1) == POSES).all()
+    assert np.array_equal(gated.corners, [[0, 0], [6, 0], [6, 5], [0, 5]])
+    assert gated.snr_db == "0" and comparison.surveys["hall_-10dB", "gated"].snr_db == "-10"
+
+
+def test_localizers_find_the_same_times_and_other_directions(
+    localized: Localized, gated: LocalizedSurvey
+) -> None:
+    whole = localized("snls")
+    assert np.array_equal(whole.columns["toa"], gated.columns["toa"])
+    assert np.array_equal(whole.labelled.weights, gated.labelled.weights)
+    assert whole.labelled.reference.sum() < gated.labelled.reference.sum()
+
+
+@pytest.fixture
+def edited(walk: Path, tmp_path: Path) -> Callable[..., Path]:
+    """Return a function that copies a walk and changes its `survey.yaml`; None removes a key."""
+
+    def edit(**changes: Any) -> Path:
+        folder = shutil.copytree(walk, tmp_path / "copy")
+        about = yaml.safe_load((folder / "survey.yaml").read_text()) | changes
+        about = {key: value for key, value in about.items() if value is not None}
+        (folder / "survey.yaml").write_text(yaml.safe_dump(about))
+        return folder
+
+    return edit
+
+
+def test_without_walls_there_is_nothing_to_evaluate_against(
+    localized: Localized, edited: Callable[..., Path]
+) -> None:
+    with pytest.raises(BadValue, match=r"survey.yaml: it has no walls; without the room's outline"):
+        localized(folder=edited(walls=None))
+
+
+@pytest.mark.parametrize(
+    ("conditions", "noise", "room"),
+    [(None, "unknown", "copy"), ({"room": "attic", "noise": "fan"}, "fan", "attic")],
+)
+def test_a_robots_survey_says_what_it_knows(
+    localized: Localized, edited: Callable[..., Path], conditions: Any, noise: str, room: str
+) -> None:
+    labelled = localized(folder=edited(conditions=conditions)).labelled
+    assert (labelled.source.noise, labelled.source.room) == (noise, room)
+    assert np.isnan(labelled.joint_snr_db).all()
+
+
+def test_a_missing_recording_is_named(localized: Localized, edited: Callable[..., Path]) -> None:
+    folder = edited()
+    (folder / "observations" / "0033.wav").unlink()
+    with pytest.raises(BadValue, match=r"observations/0033.wav: cannot be read"):
+        localized(folder=folder)
+
+
+@pytest.fixture(scope="module")
+def hovering(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a walk under rotors, with what they sound like alone; floor and ceiling are too far to
+    be heard."""
+    scene = replace(plans()[0].scene, diffuse=Diffuse(Rotor()))
+    return survey(
+        name="rotors",
+        room=replace(HALL, size=(6.0, 5.0, 6.0)),
+        scene=scene,
+        levels=NoiseLevels(40.0, -21.0),
+        poses=POSES,
+        runs=tmp_path_factory.mktemp("hovering"),
+    )
+
+
+def test_what_noise_alone_tells_goes_with_every_recording(hovering: Path, walk: Path) -> None:
+    rotors = reader.read_survey(hovering)
+    alone = rotors.noise()
+    assert alone is not None
+    observation = rotors.observe([3])
+    assert np.array_equal(observation.noise_psd, noise_psd(alone))
+    assert np.array_equal(observation.noise_covariance, noise_covariance(alone))
+    slower = replace(rotors, rate=11025.0).observe([3])
+    assert slower.noise_psd is not None
+    # Below 5 kHz; of half the band, half the power.
+    low = noise_psd(alone)[:, :200].mean(axis=1) / 2
+    assert np.allclose(slower.noise_psd[:, :400].mean(axis=1), low, rtol=0.1)
+    assert reader.read_survey(walk).observe([0]).noise_psd is None
+
+
+def test_under_rotors_a_localizer_that_whitens_finds_more_walls(hovering: Path, walk: Path) -> None:
+    true = []
+    for whiten in (False, True):
+        localizer = Joint(echoes=1, azimuths=36, whiten=whiten)
+        found = localize_survey(hovering, localizer, name="joint", resamples=2)
+        true.append(found.labelled.reference.sum())
+    assert true[1] > 1.5 * true[0]
+    with pytest.raises(BadValue, match=r"record the noise alone: noise.wav of a survey"):
+        localize_survey(walk, Joint(whiten=True), name="joint", resamples=2)
