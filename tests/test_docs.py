@@ -102,9 +102,14 @@ def test_each_step_from_a_command_to_the_arithmetic_names_the_next(command: str)
     assert re.search(r"\b(np|fft|torch|session|linalg|stats)\.", source(*steps[-1][:2]))
 
 
-def test_every_room_has_its_line_and_every_named_file_is_there() -> None:
+def test_every_room_has_its_line() -> None:
     package = ROOT / "src" / "echolearn"
     rooms = {path.parent.name for path in package.glob("*/__init__.py")} | {"checks"}
     assert rooms == set(re.findall(r"^\| `([a-z]+)` \|", ARCHITECTURE, re.M))
-    for name in re.findall(r"`([\w/]+\.py)", ARCHITECTURE):
-        assert (package / name).exists() or (ROOT / name).exists(), name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_file_that_a_page_names_is_there(page: Path) -> None:
+    known = [ROOT, ROOT / "src" / "echolearn"]
+    for name in re.findall(r"`([\w./]+/\w+\.(?:py|yaml|md))\b", page.read_text()):
+        assert name in FILES or any((place / name).exists() for place in known), name
