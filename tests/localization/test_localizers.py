@@ -40,7 +40,9 @@ def build(name: str, **changed: Any) -> Any:
 
 NAMES = [path.stem for path in CONFIGS]
 WAYS = {f"{name}": {} for name in NAMES} | {"gated, mpdr": {"beam": "mpdr"}}
-SEVERAL = [name for name in NAMES if "echoes" in yaml.safe_load(CONFIGS[NAMES.index(name)].read_text())]
+SEVERAL = [
+    name for name in NAMES if "echoes" in yaml.safe_load(CONFIGS[NAMES.index(name)].read_text())
+]
 
 
 @pytest.fixture(params=WAYS)
@@ -104,10 +106,14 @@ def test_a_batch_is_its_observations_one_by_one_and_stays_as_it_was(localizer: L
 def test_a_view_that_somebody_made_gives_the_same(localizer: Localizer) -> None:
     batch = observed(PROBE, noisy(0.5), white(PROBE, 1.0, 1))
     for azimuths in (180, 36):
-        assert same(localizer(batch, MatchedFilter(batch, SearchWindow(), azimuths)), localizer(batch))
+        assert same(
+            localizer(batch, MatchedFilter(batch, SearchWindow(), azimuths)), localizer(batch)
+        )
 
 
-@pytest.mark.parametrize(("azimuth", "lag"), [(-3.1, 120), (-1.3, 150), (0, 201), (0.8, 260), (2.2, 180)])
+@pytest.mark.parametrize(
+    ("azimuth", "lag"), [(-3.1, 120), (-1.3, 150), (0, 201), (0.8, 260), (2.2, 180)]
+)
 def test_time_direction_and_gain_are_those_of_the_wave(
     localizer: Localizer, azimuth: float, lag: int
 ) -> None:
@@ -191,7 +197,9 @@ def test_both_echoes_are_found_the_strongest_first(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", SEVERAL)
 def test_more_echoes_than_the_window_holds_are_refused(kind: str) -> None:
-    with pytest.raises(BadValue, match=r"^localizer.echoes=32: .*at most 31 fit into a window of 156"):
+    with pytest.raises(
+        BadValue, match=r"^localizer.echoes=32: .*at most 31 fit into a window of 156"
+    ):
         build(kind, echoes=32)(observed(PROBE, noisy(0.5)))
 
 
@@ -218,7 +226,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("fault", "message"), REFUSED.values(), ids=REFUSED)
-def test_recordings_that_no_estimator_can_use(localizer: Localizer, fault: Any, message: str) -> None:
+def test_recordings_that_no_estimator_can_use(
+    localizer: Localizer, fault: Any, message: str
+) -> None:
     samples = noisy(0.5)[None]
     changed = fault(samples)
     with pytest.raises(BadValue, match=rf"^observation\.{message}"):
@@ -231,7 +241,13 @@ def test_a_window_outside_the_recording(localizer: Localizer) -> None:
         far(observed(PROBE, noisy(0.5)))
 
 
-BAD = [("azimuths", "many"), ("azimuths", 3), ("azimuths", 180.5), ("echoes", "many"), ("echoes", 0)]
+BAD = [
+    ("azimuths", "many"),
+    ("azimuths", 3),
+    ("azimuths", 180.5),
+    ("echoes", "many"),
+    ("echoes", 0),
+]
 BAD += [("whiten", "loud"), ("whiten", None), ("whiten", 1), ("gamma", 2.0), ("beam", "mvdr")]
 BAD += [("elevations", 0), ("iterations", 0), ("loading", -1.0), ("false_alarm", 0.0)]
 
@@ -245,18 +261,24 @@ def test_bad_arguments(kind: str, argument: str, value: Any) -> None:
 
 
 def test_what_only_the_joint_search_and_the_first_echo_can() -> None:
-    with pytest.raises(BadValue, match=r"^localizer.whiten=spatial: must be true, false; spatial is"):
+    with pytest.raises(
+        BadValue, match=r"^localizer.whiten=spatial: must be true, false; spatial is"
+    ):
         build("snls", whiten="spatial")
     with pytest.raises(BadValue, match=r"^localizer.elevations=2: must be 1 with several echoes"):
         build("snls", elevations=2, echoes=2)
-    with pytest.raises(BadValue, match=r"^localizer.azimuths=3600: azimuths \* elevations must be at"):
+    with pytest.raises(
+        BadValue, match=r"^localizer.azimuths=3600: azimuths \* elevations must be at"
+    ):
         build("snls", azimuths=3600, elevations=3)
 
 
 @pytest.mark.parametrize("kind", ["gated", "joint", "em", "mclam"])
 def test_an_array_too_wide_to_be_steered_is_refused(kind: str) -> None:
     wide = observed(PROBE, noisy(0.5), array=MicArray(4 * RING.positions))
-    with pytest.raises(BadValue, match=r"^array.positions=1.60 m: microphones must be within 1.00 m"):
+    with pytest.raises(
+        BadValue, match=r"^array.positions=1.60 m: microphones must be within 1.00 m"
+    ):
         build(kind)(wide)
 
 

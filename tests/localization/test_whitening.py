@@ -1,34 +1,37 @@
-"""Pre-whitening: densities in their units, lags that stay, and echoes found under rotors."""
+"""Pre-whitening: densities in their units, lags that stay, weights, and echoes found under rotors."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt
 
 from echolearn.acoustics import signals
-from echolearn.acoustics.geometry import SearchWindow, circular_array, true_echoes
-from echolearn.acoustics.types import Observation, Pose, Room
+from echolearn.acoustics.geometry import SearchWindow, true_echoes
+from echolearn.acoustics.types import Array, Observation, Pose, Room
 from echolearn.checks import BadValue
+from echolearn.localization import faults, whitening
 from echolearn.localization.methods.em import Em
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
 from echolearn.localization.methods.mclam import Mclam
 from echolearn.localization.methods.peaks import Peaks
 from echolearn.localization.methods.snls import Snls
-from echolearn.localization.whitening import whitened
+from reference import RATE, observed, turn
 
-Hear = Callable[..., Observation]
-KINDS = [Snls, Gated, Joint, Em, Mclam, Peaks]
+Record = Callable[..., Observation]
+Place = tuple[Room, Pose]
+PROBE = signals.noise_probe(burst=400, length=3000)
 
 
-def rotor(length: int, *, seed: int) -> np.ndarray:
+def rotor(length: int, *, seed: int) -> Array:
     """Return noise of unit power at 6 microphones, nine tenths of it below 463 Hz: harmonics of 70
     Hz and a rumble."""
     rng = np.random.default_rng(seed)
-    rumble = sosfilt(butter(1, 150.0, fs=22050.0, output="sos"), rng.standard_normal((6, length)))
-    turns = 2 * np.pi * 70.0 * np.arange(length) / 22050.0
+    rumble = sosfilt(butter(1, 150.0, fs=RATE, output="sos"), rng.standard_normal((6, length)))
+    turns = 2 * np.pi * 70.0 * np.arange(length) / RATE
     lines = sum(np.sin(h * turns + rng.uniform(0, 2 * np.pi, (6, 1))) / h for h in range(1, 5))
     mixed = np.sqrt(0.6) * rumble / rumble.std() + np.sqrt(0.4) * lines / lines.std()
     return mixed + 0.01 * rng.standard_normal((6, length))
@@ -37,16 +40,16 @@ def rotor(length: int, *, seed: int) -> np.ndarray:
 # ---------------------------------------------------------------- densities and filters
 
 
-def test_white_noise_of_variance_v_has_the_density_v() -> None:
+def test_densities_are_in_units_of_power() -> None:
+    """White noise of variance v has the density v; the mean density is the power."""
     psd = signals.noise_psd(3.0 * np.random.default_rng(0).standard_normal((6, 80_000)))
     assert psd.shape == (6, 442)
     assert np.allclose(psd.mean(axis=0), 9.0, rtol=0.25)
     assert psd.mean() == pytest.approx(9.0, rel=0.01)
-
-
-def test_the_mean_density_is_the_power() -> None:
     noise = rotor(60_000, seed=1)
     assert np.allclose(signals.noise_psd(noise).mean(axis=-1), signals.power(noise), rtol=0.05)
+    loud = np.rint(1000 * noise).astype(np.int16)
+    assert signals.noise_psd(loud).mean() == pytest.approx(1e6, rel=0.05)
 
 
 def test_a_flat_density_only_scales_and_delays() -> None:
@@ -69,143 +72,133 @@ def test_whitened_noise_is_white() -> None:
 def test_the_correlation_of_two_whitened_signals_is_divided_by_the_density() -> None:
     """ifft(Y conj(S) / P) for a density that the filter can follow, and the lag is still that of
     the delay."""
-    rng = np.random.default_rng(4)
-    burst = rng.standard_normal(500)
-    recording = np.concatenate([np.zeros(137), burst, np.zeros(387)])
+    burst = np.random.default_rng(4).standard_normal(500)
+    recording = np.pad(burst, (137, 387))
     psd = 1.5 + np.cos(np.linspace(0, np.pi, 65))
     y, s = signals.whiten(recording, psd), signals.whiten(burst, psd)
-    found = np.correlate(y, s, "full")[len(s) - 1 :]
-    size = 4096
-    density = 1.5 + np.cos(np.linspace(0, np.pi, size // 2 + 1))
-    exact = np.fft.irfft(
-        np.fft.rfft(recording, size) * np.fft.rfft(burst, size).conj() / density, size
-    )
+    found = np.correlate(y, s, "full")[len(s) - 1 :][:300]
+    density = 1.5 + np.cos(np.linspace(0, np.pi, 2049))
+    spectrum = np.fft.rfft(recording, 4096) * np.fft.rfft(burst, 4096).conj()
+    exact = np.fft.irfft(spectrum / density, 4096)
     assert found.argmax() == 137
-    assert np.abs(found[:300] - exact[:300]).max() < 0.01 * exact.max()
+    assert np.abs(found - exact[:300]).max() < 0.01 * exact.max()
 
 
-@pytest.mark.parametrize("psd", [np.zeros(9), -np.ones(9), np.full(9, np.nan)])
-def test_what_is_no_density_is_refused(psd: np.ndarray) -> None:
-    with pytest.raises(BadValue, match=r"^observation.noise_psd="):
-        signals.whiten(np.zeros(100), psd)
+@pytest.mark.parametrize(
+    ("refused", "message"),
+    [
+        (lambda: signals.whiten(np.zeros(100), np.zeros(9)), "observation.noise_psd=shape (9,)"),
+        (lambda: signals.whiten(np.zeros(100), -np.ones(9)), "observation.noise_psd=shape (9,)"),
+        (lambda: signals.whiten(np.zeros(100), np.full(9, np.nan)), "observation.noise_psd=shape"),
+        (lambda: signals.noise_psd(np.zeros((6, 1000))), "noise.recording=1000 samples: must be"),
+        (lambda: signals.noise_psd(np.full(4000, np.nan)), "noise.recording=NaN"),
+    ],
+)
+def test_what_is_no_noise_is_refused(refused: Callable[[], Any], message: str) -> None:
+    with pytest.raises(BadValue) as error:
+        refused()
+    assert str(error.value).startswith(message)
 
 
-def test_a_noise_recording_too_short_or_broken_is_refused() -> None:
-    with pytest.raises(
-        BadValue, match=r"^noise.recording=1000 samples: .*record the noise for some seconds"
-    ):
-        signals.noise_psd(np.zeros((6, 1000)))
-    with pytest.raises(BadValue, match=r"^noise.recording=NaN"):
-        signals.noise_psd(np.full(4000, np.nan))
-
-
-# ---------------------------------------------------------------- localizers that whiten
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_whitening_without_a_density_is_refused(
-    kind: type, hear: Hear, beside: tuple[Room, Pose]
-) -> None:
-    with pytest.raises(BadValue, match=r"^localizer.whiten=True: .*record the noise alone"):
-        kind(whiten=True)(hear(beside, snr_db=10.0, trials=1))
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_flat_density_changes_no_estimate(
-    kind: type, hear: Hear, beside: tuple[Room, Pose]
-) -> None:
-    """But that whitened times lie between samples, where the crests of ringing echoes are, and
-    gains with them."""
-    heard = hear(beside, snr_db=10.0, trials=3)
-    level = float(np.var(heard.samples[..., -3000:]))
-    plain = kind()(heard)
-    white = kind(whiten=True)(replace(heard, noise_psd=np.full(442, level)))
-    assert np.allclose(white.toa, plain.toa, atol=0.51 / 22050.0)
-    assert np.allclose(white.azimuth, plain.azimuth, atol=np.radians(2.01))
-    assert (white.gain >= 0.98 * plain.gain).all()
-    assert (white.gain <= plain.gain / np.sinc(0.5)).all()
+# ---------------------------------------------------------------- observations
 
 
 def test_density_of_all_or_of_each_microphone() -> None:
-    rng = np.random.default_rng(5)
-    probe = signals.noise_probe(burst=400, length=3000)
-    heard = Observation(rng.standard_normal((2, 6, 3000)), probe, circular_array())
+    samples = np.random.default_rng(5).standard_normal((2, 6, 3000))
+    batch = observed(PROBE, *samples)
     shape = np.linspace(1.0, 3.0, 33)
-    one = whitened(replace(heard, noise_psd=shape))
-    each = whitened(replace(heard, noise_psd=np.outer([1.0, 4.0, 1.0, 0.0, 1.0, 2.0], shape)))
+    level = np.array([1.0, 4.0, 1.0, 0.0, 1.0, 2.0])
+    one, each = (
+        whitening.whitened(replace(batch, noise_psd=psd)) for psd in (shape, np.outer(level, shape))
+    )
     assert np.allclose(one.samples, each.samples)
-    assert np.allclose(each.noise_psd.mean(axis=-1) / each.noise_psd[0].mean(), [1, 4, 1, 0, 1, 2])
-    with pytest.raises(
-        BadValue, match=r"^observation.noise_psd=\(5, 33\): shape \(F,\) or \(6, F\)"
-    ):
-        whitened(replace(heard, noise_psd=np.ones((5, 33))))
+    assert np.allclose(each.noise_psd.mean(axis=-1) / each.noise_psd[0].mean(), level)
 
 
-def under_rotors(
-    hear: Hear, place: tuple[Room, Pose], *, sdnr_db: float, trials: int
-) -> Observation:
+@pytest.mark.parametrize(
+    ("psd", "message"),
+    [
+        (np.ones((5, 9)), r"shape \(5, 9\): must be \(F,\) or \(6, F\)"),
+        (np.full(9, np.nan), "NaN"),
+        (-np.ones((6, 9)), "NaN, infinity or below 0: densities must be 0 or more"),
+    ],
+)
+def test_a_density_that_is_none_is_refused_even_if_only_for_weights(
+    psd: Array, message: str
+) -> None:
+    batch = observed(PROBE, np.random.default_rng(5).standard_normal((6, 3000)), noise_psd=psd)
+    for work in (Em(), Mclam(), Snls(whiten=True)):
+        with pytest.raises(BadValue, match=f"^observation.noise_psd={message}"):
+            work(batch)
+
+
+def test_weights_are_one_over_the_noise_but_not_for_the_faintest() -> None:
+    levels = np.array([1.0, 1.0, 1.0, 3.0, 0.1, 0.0])[:, None]
+    noise = levels * np.random.default_rng(3).standard_normal((6, 20_000))
+    batch = observed(signals.noise_probe(), noise)
+    silent = faults.silent_microphones(batch.samples)
+    expected = [1, 1, 1, 1 / 9, whitening.LARGEST_WEIGHT, 0]
+    assert silent.tolist() == [[False] * 5 + [True]]
+    assert np.allclose(whitening.noise_weights(batch, silent)[0], expected, rtol=0.1)
+    told = replace(batch, noise_psd=levels**2 * np.ones(9))
+    assert np.allclose(whitening.noise_weights(told, silent)[0], expected)
+
+
+def test_a_silent_recording_has_no_silent_microphone() -> None:
+    assert not faults.silent_microphones(np.zeros((1, 6, 100))).any()
+
+
+# ---------------------------------------------------------------- rotors
+
+
+def under_rotors(hear: Record, place: Place, *, sdnr_db: float, trials: int) -> Observation:
     """Return recordings with rotor noise, and the density of another recording of the same rotors."""
-    heard, louder = (hear(place, snr_db=snr_db, trials=trials) for snr_db in (40.0, 0.0))
-    received = (
-        np.var(louder.samples - heard.samples) / 0.99**2
-    )  # the same noise at two levels tells what 0 dB is
+    quiet, louder = (hear(place, snr_db=snr_db, trials=trials) for snr_db in (40.0, 0.0))
+    # The same noise at two levels tells what 0 dB is.
+    received = np.var(louder.samples - quiet.samples) / 0.99**2
     scale = np.sqrt(received * 10 ** (-sdnr_db / 10))
     noise = scale * np.stack([rotor(20_000, seed=100 + trial) for trial in range(trials)])
-    return replace(
-        heard,
-        samples=heard.samples + noise,
-        noise_psd=signals.noise_psd(scale * rotor(60_000, seed=7)),
-    )
+    psd = signals.noise_psd(scale * rotor(60_000, seed=7))
+    return replace(quiet, samples=quiet.samples + noise, noise_psd=psd)
 
 
 def test_the_rotors_are_as_deep_as_those_of_the_recordings() -> None:
-    psd, frequencies = (
-        signals.noise_psd(rotor(60_000, seed=0)),
-        np.fft.rfftfreq(signals.STFT_FRAME, 1 / 22050.0),
-    )
-    assert psd[:, frequencies < 463].sum() / psd.sum() == pytest.approx(0.9, abs=0.02)
+    psd = signals.noise_psd(rotor(60_000, seed=0))
+    deep = np.fft.rfftfreq(signals.STFT_FRAME, 1 / RATE) < 463
+    assert psd[:, deep].sum() / psd.sum() == pytest.approx(0.9, abs=0.02)
 
 
 def test_whitening_finds_echoes_under_rotors_that_are_lost_without_it(
-    hear: Hear, study: tuple[Room, Pose]
+    hear: Record, study: Place
 ) -> None:
     """S-NLS within 5 samples at SDNR -20 dB; planning measured 73 % plain and 100 % whitened under
     recorded rotors."""
-    heard = under_rotors(hear, study, sdnr_db=-20.0, trials=16)
-    truth, window = true_echoes(*study, heard.array).toa, SearchWindow(rule="authors")
-    plain, white = (
-        np.mean(np.abs(Snls(window, 8, whiten=whiten)(heard).toa - truth).min(axis=1) * 22050.0 < 5)
-        for whiten in (False, True)
-    )
-    assert plain <= 0.8
-    assert white == 1.0
+    batch = under_rotors(hear, study, sdnr_db=-20.0, trials=16)
+    truth = true_echoes(*study, array=batch.array).toa
+    shares = []
+    for whiten in (False, True):
+        toa = Snls(SearchWindow(rule="authors"), 8, whiten=whiten)(batch).toa
+        shares.append(np.mean(np.abs(toa - truth).min(axis=1) * RATE < 5))
+    assert shares[0] <= 0.8
+    assert shares[1] == 1.0
 
 
-def test_every_estimator_but_plain_division_hears_better_whitened(
-    hear: Hear, beside: tuple[Room, Pose]
-) -> None:
-    """Within 8 degrees: what is left to hear is above some kHz, where 1 m is near and a wave no
-    longer plane."""
-    heard = under_rotors(hear, beside, sdnr_db=-20.0, trials=12)
-    truth = true_echoes(*beside, heard.array)
+def test_every_estimator_but_plain_division_is_better_whitened(hear: Record, beside: Place) -> None:
+    """Within 8 degrees: what is left is above some kHz, where 1 m is near and a wave no longer
+    plane. Plain division cancels it, (Y / sqrt P) / (S / sqrt P) = Y / S, but for the filter's
+    ends."""
+    batch = under_rotors(hear, beside, sdnr_db=-20.0, trials=12)
+    truth = true_echoes(*beside, array=batch.array)
     for kind in (Joint, Em, Gated, Mclam, Snls):
         plain, white = (
             np.mean(
-                (np.abs(echoes.toa - truth.toa[0]) * 22050.0 < 5)
-                & (
-                    np.abs(np.angle(np.exp(1j * (echoes.azimuth - truth.azimuth[0]))))
-                    < np.radians(8)
-                )
+                (np.abs(echoes.toa - truth.toa[0]) * RATE < 5)
+                & (np.abs(turn(echoes.azimuth - truth.azimuth[0])) < np.radians(8))
             )
-            for echoes in (kind(whiten=whiten)(heard) for whiten in (False, True))
+            for echoes in (kind(whiten=whiten)(batch) for whiten in (False, True))
         )
         assert white >= plain + 0.3, kind
         assert white >= 0.9, kind
-
-
-def test_plain_division_cancels_the_whitening(hear: Hear, beside: tuple[Room, Pose]) -> None:
-    """(Y / sqrt P) / (S / sqrt P) = Y / S: RIR-PP hears the same at every lag, but for the filter's
-    ends."""
-    heard = under_rotors(hear, beside, sdnr_db=10.0, trials=4)
-    plain, white = (Peaks(azimuths=8, whiten=whiten)(heard) for whiten in (False, True))
-    assert np.array_equal(plain.toa, white.toa)
+    quieter = under_rotors(hear, beside, sdnr_db=10.0, trials=4)
+    plain, white = (Peaks(azimuths=8, whiten=whiten)(quieter).toa for whiten in (False, True))
+    assert np.array_equal(plain, white)
