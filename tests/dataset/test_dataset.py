@@ -516,10 +516,10 @@ def test_a_column_that_is_not_there_is_named(finished: Path) -> None:
 
 
 def test_a_folder_that_is_no_set_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadValue, match="not finished, there is no manifest.json"):
+    with pytest.raises(BadValue, match="not finished.*there is no manifest.json"):
         Dataset(tmp_path)
     manifests.finish(tmp_path, {"kind": "survey"}, [])
-    with pytest.raises(BadValue, match="a folder written by echolearn generate"):
+    with pytest.raises(BadValue, match="must be a folder that echolearn generate wrote"):
         Dataset(tmp_path)
 
 

@@ -207,7 +207,7 @@ def test_scattered_wall_distances_cannot_be_memorised(plans: dict[str, Plan]) ->
         ("paper", {"step": 0}, "plan.step=0 m: must be a number from 0.01"),
         ("paper", {"step": "half"}, "plan.step=half m"),
         ("paper", {"margin": 4.5}, "plan.margin=4.5 m"),
-        ("paper", {"margin": 0.1}, "pose.position=(0.1, 0.1, 0.1) m: the whole array"),
+        ("paper", {"margin": 0.1}, "pose.position=(0.1, 0.1, 0.1) m: the array of radius 0.2 m"),
         ("paper", {"height": 7.0}, "plan.height=7.0 m"),
         ("paper", {"snr_db": (40.0, -40.0)}, "plan.snr_db=[40.0, -40.0]"),
         ("paper", {"snr_db": (-400.0, 40.0)}, "plan.snr_db=-400.0 dB"),

@@ -38,7 +38,7 @@ class Dataset:
             self.manifest.get("kind") == "set",
             "set",
             self.folder,
-            allowed="a folder written by echolearn generate",
+            allowed="must be a folder that echolearn generate wrote",
         )
         self._check_format()
         self.name: str = self.manifest["plan"]["name"]

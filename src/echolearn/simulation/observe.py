@@ -48,9 +48,7 @@ def observe(
     check_inside(room, pose, array=scene.array)
     received = scene.received(room, pose)
     samples = add_noise(received, scene, levels=levels, rng=rng, gain_db=gain_db)
-    truth = true_echoes(
-        room, pose, array=scene.array, speed_of_sound=scene.speed_of_sound
-    )
+    truth = true_echoes(room, pose, array=scene.array, speed_of_sound=scene.speed_of_sound)
     return Observation(samples, scene.probe, scene.array, scene.speed_of_sound), truth
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array, Room
 from echolearn.checks import check, check_number
+from echolearn.simulation.scene import check_speed
 
 MOST_IMAGES = 1e8
 """Images per microphone that an engine agrees to sum: seconds for `Images`, minutes for `Pyroom`.
@@ -46,7 +47,7 @@ def check_placement(
             time.
     """
     check_number("sample_rate", sample_rate, low=1000.0, high=400_000.0, unit="Hz")
-    check_number("speed_of_sound", speed_of_sound, low=100.0, high=2000.0, unit="m/s")
+    check_speed("speed_of_sound", speed_of_sound)
     check(np.shape(source) == (3,), "source", np.shape(source), allowed="shape (3,) in m")
     shape = np.shape(microphones)
     check(

@@ -46,15 +46,7 @@ class Scene:
     diffuse: Noise | None = None
 
     def __post_init__(self) -> None:
-        hint = "air is 343 m/s"
-        check_number(
-            "scene.speed_of_sound",
-            self.speed_of_sound,
-            low=100.0,
-            high=2000.0,
-            unit="m/s",
-            hint=hint,
-        )
+        check_speed("scene.speed_of_sound", self.speed_of_sound)
 
     @cached_property
     def direct(self) -> Array:
@@ -74,7 +66,9 @@ class Scene:
         return signals.convolve(self.probe.samples, response, length=self.probe.length)
 
 
-"""TODO header of simulation.scene."""
+def check_speed(name: str, speed_of_sound: object) -> None:
+    """Raise `BadValue` unless sound could be that fast, in m/s, in air or in water."""
+    check_number(name, speed_of_sound, low=100.0, high=2000.0, unit="m/s", hint="air is 343 m/s")
 
 
 def noise_kind(scene: Mapping[str, Any], *, sensor: bool = True) -> str:
@@ -84,7 +78,7 @@ def noise_kind(scene: Mapping[str, Any], *, sensor: bool = True) -> str:
         scene: as plain containers.
         sensor: whether the microphones have noise of their own.
     """
-    heard = [scene["noise"]] if sensor else []
+    noises = [scene["noise"]] if sensor else []
     if scene["diffuse"] is not None:
-        heard.append(scene["diffuse"].get("source", scene["diffuse"]))
-    return "+".join(noise[KIND] for noise in heard)
+        noises.append(scene["diffuse"].get("source", scene["diffuse"]))
+    return "+".join(noise[KIND] for noise in noises)

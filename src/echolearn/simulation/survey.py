@@ -1,8 +1,15 @@
-"""Simulate a robot's walk through a room and store it in the recorded-survey format
-(`recording.py`).
+"""Simulate a robot's walk through a room and store it in the recorded-survey format.
+
+    room --trajectory--> poses --observe--> recordings and what describes them --> manifest
+
+The format is that of `survey.reader`. Beside it stands `simulated.json`, what the survey is made
+from: by it a survey is known as ours, and the same command finds it finished.
 """
 
 import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +17,7 @@ import numpy as np
 
 from echolearn.acoustics.geometry import check_inside, outline
 from echolearn.acoustics.streams import stream
-from echolearn.acoustics.types import Array, Pose, Room
+from echolearn.acoustics.types import Pose, Room
 from echolearn.checks import BadValue, check, check_name, check_number, check_whole
 from echolearn.runtime.progress import track
 from echolearn.simulation.levels import NoiseLevels
@@ -18,23 +25,21 @@ from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import noise_alone, observe
 from echolearn.simulation.scene import Scene, noise_kind
 from echolearn.simulation.walk import trajectory
-from echolearn.storage import files as disk
-from echolearn.storage import manifests
+from echolearn.storage import files, manifests
 from echolearn.storage.identity import plain
-from echolearn.storage.once import locked
+from echolearn.storage.once import once
 from echolearn.survey import audio, reader
 from echolearn.survey.description import description_bytes
 from echolearn.survey.poses import poses_csv
 
 BEGUN = "simulated.json"
-"""Written first: what the survey is made from, and the sign that its recordings are nobody's but
-ours."""
+"""Written first: what the survey is made from, and the sign that its recordings are simulated."""
 
 MOST = 20_000
-"""Poses; a manifest, which may have `store.FOREIGN` bytes, has 370 for each."""
+"""Poses; a manifest, which may have `manifests.FOREIGN` bytes, has 370 for each."""
 
 NOISE_SECONDS = 5.0
-"""How long noise that is not white is recorded alone, unless something else is asked for."""
+"""Length of the noise alone where it is not white, unless something else is asked for."""
 
 
 def survey(
@@ -50,80 +55,74 @@ def survey(
     runs: Path,
     command: str | None = None,
 ) -> Path:
-    """Walk through a room, listen at every pose, store the recordings; a finished survey is
-    skipped.
+    """Walk through a room, record at every pose, and return the folder; once made, it is kept.
 
     Args:
         name: names the folder under `runs/survey`.
         room: the room.
         scene: what the robot carries.
-        levels: levels of the noises in every recording, and how many are averaged at each pose;
-            `noise.wav` has the level of the noise in the mean.
-        poses: P.
+        levels: levels of the noises in every recording, and how many are averaged at each pose.
+        poses: number P of poses.
         start: polar angle at which the walk begins, in rad.
         seed: of the noise; pose p draws from `SeedSequence(seed, spawn_key=(p,))`.
-        noise_seconds: of `noise.wav`, the noise alone at the first pose; 0 for none; None for 5 s
-            of noise that is not white.
+        noise_seconds: length of `noise.wav`, the noise alone at the first pose, as loud as what is
+            left in a mean of several pings; 0 for none; None for 5 s of noise that is not white.
         runs: folder of everything generated.
         command: what makes the survey again, for the manifest; None says nothing about it.
-
-    Returns:
-        The survey's folder, complete.
 
     Raises:
         BadValue: values out of range, or a survey of that name made otherwise.
     """
     check_name("name", name)
+    check_whole("seed", seed, low=0)
     levels.check_scene(scene)
     seconds = noise_length(scene, noise_seconds)
-    check_whole("seed", seed, low=0)
-    walk = trajectory(room, poses=poses, start=start)
-    check(
-        len(walk) <= MOST, "poses", poses, allowed=f"at most {MOST}", hint="walk in several surveys"
+    walk = _walk(room, scene, poses=poses, start=start)
+
+    origin = {"room": room, "scene": scene, "walk": walk, "seed": seed} | _given(levels)
+    alone = {"noise_seconds": seconds} if seconds else {}
+    about = {"kind": "survey", "made_from": plain(origin | alone)}
+    record = partial(_record, room, walk, scene=scene, levels=levels, seed=seed, seconds=seconds)
+    folder = Path(runs) / "survey" / name
+    return once(
+        folder,
+        finished=partial(_finished, folder, about),
+        make=partial(_make, folder, about, record=record, command=command),
+        doing="records this survey",
     )
+
+
+def _walk(room: Room, scene: Scene, *, poses: int, start: float) -> list[Pose]:
+    """Return the poses, all of them inside the room, and no more than a manifest can name."""
+    walk = trajectory(room, poses=poses, start=start)
+    hint = "walk in several surveys"
+    check(len(walk) <= MOST, "poses", poses, allowed=f"must be at most {MOST}", hint=hint)
     for pose in walk:
         check_inside(room, pose, array=scene.array)
-    folder = Path(runs) / "survey" / name
-    told = _told(levels, noise_seconds=seconds or None)
-    about = {
-        "kind": "survey",
-        "made_from": plain({"room": room, "scene": scene, "walk": walk, "seed": seed, **told}),
-    }
-    if _is_finished(folder, about):
-        return folder
-    alone = _noise(room, walk[0], scene, seconds=seconds, seed=seed, levels=levels)
-    with locked(folder, waiting=f"survey {name}: waiting for another command that walks it"):
-        if not _is_finished(folder, about):
-            disk.clean(folder)
-            disk.save_json(folder / BEGUN, about)
-            if alone is not None:
-                disk.write_atomic(
-                    folder / reader.NOISE, audio.wav_bytes(alone, scene.probe.sample_rate)
-                )
-            _write(folder, walk, room=room, scene=scene, seed=seed, levels=levels)
-            noise = [] if alone is None else [reader.NOISE]
-            files = [BEGUN, "survey.yaml", "probe.wav", "poses.csv", *noise, *_names(walk)]
-            manifests.finish(
-                folder, about | manifests.command_entry(command), files, largest=manifests.FOREIGN
-            )
-    return folder
+    return walk
 
 
-def _noise(
-    room: Room,
-    pose: Pose,
-    scene: Scene,
+def _make(
+    folder: Path,
+    about: Mapping[str, Any],
     *,
-    seconds: float,
-    seed: int,
-    levels: NoiseLevels,
-) -> Array | None:
-    """Return the noise alone, or None for no second of it; what cannot be simulated is refused."""
-    rng = stream(seed, "noise alone", 0)
-    if seconds:
-        return noise_alone(room, pose, scene=scene, seconds=seconds, levels=levels, rng=rng)
-    observe(room, pose, scene=scene, levels=levels, rng=rng)
-    return None
+    record: Callable[[], Iterator[tuple[str, bytes]]],
+    command: str | None,
+) -> Path:
+    """Write the files of a survey, and declare it finished."""
+    # The first file is made before any is written: what cannot be simulated leaves nothing.
+    contents = record()
+    first = next(contents)
+
+    files.clean(folder)
+    files.save_json(folder / BEGUN, about)
+    names = [BEGUN]
+    for name, content in chain([first], contents):
+        files.write_atomic(folder / name, content)
+        names.append(name)
+    made = {**about, **manifests.command_entry(command)}
+    manifests.finish(folder, made, names, largest=manifests.FOREIGN)
+    return folder
 
 
 def noise_length(scene: Scene, seconds: float | None) -> float:
@@ -138,85 +137,89 @@ def noise_length(scene: Scene, seconds: float | None) -> float:
     check_number("noise_seconds", seconds, low=0.0, high=600.0, unit="s")
     if seconds == 0:
         return 0.0
-    rate, channels = scene.probe.sample_rate, len(scene.array)
+
+    rate = scene.probe.sample_rate
+    channels = len(scene.array)
     least = max(0.1, scene.probe.length / rate)
     most = max(least, audio.longest(channels) / rate)
-    allowed = f"0, or {math.ceil(least * 100) / 100:g} to {math.floor(most * 10) / 10:g} s of {channels} microphones"
-    hint = f"{reader.NOISE} is as long as a recording, and has at most {audio.LARGEST >> 20} MiB"
-    check(least <= seconds <= most, "noise_seconds", f"{seconds:g} s", allowed=allowed, hint=hint)
+    bounds = f"{math.ceil(least * 100) / 100:g} to {math.floor(most * 10) / 10:g} s"
+    check(
+        least <= seconds <= most,
+        "noise_seconds",
+        f"{seconds:g} s",
+        allowed=f"must be 0 (none), or from {bounds} of {channels} microphones",
+        hint=f"{reader.NOISE} is as long as a recording, and has at most {audio.LARGEST >> 20} MiB",
+    )
     return float(seconds)
 
 
-def _told(levels: NoiseLevels, **others: float | None) -> dict[str, Any]:
-    """Return what is given of a survey's numbers; a single ping goes without saying, as it always
-    has.
-    """
-    values = {"snr_db": levels.snr_db, "sdnr_db": levels.sdnr_db} | others
-    told: dict[str, Any] = {key: float(value) for key, value in values.items() if value is not None}
-    return told | ({"pings": int(levels.pings)} if levels.pings > 1 else {})
+def _given(levels: NoiseLevels) -> dict[str, Any]:
+    """Return the levels that are given; a single ping goes without saying."""
+    given = {"snr_db": levels.snr_db, "sdnr_db": levels.sdnr_db}
+    several = {"pings": int(levels.pings)} if levels.pings > 1 else {}
+    return {key: float(level) for key, level in given.items() if level is not None} | several
 
 
-def _names(walk: list[Pose]) -> list[str]:
-    return [f"observations/{index:04d}.wav" for index in range(len(walk))]
+def _finished(folder: Path, about: Mapping[str, Any]) -> Path | None:
+    """Return the folder if the survey stands there whole; a damaged one is to be made again.
 
-
-def _is_finished(folder: Path, about: dict[str, object]) -> bool:
-    """Tell whether the survey stands there whole; one made otherwise is refused, a damaged one is
-    made again.
+    Raises:
+        BadValue: recordings of another origin, or a survey made with other settings.
     """
     foreign = folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / BEGUN).is_file()
+    allowed = "must be a new name, or that of a simulated survey"
     hint = f"{folder} holds recordings of another origin"
-    check(
-        not foreign,
-        "name",
-        folder.name,
-        allowed="a new name, or that of a simulated survey",
-        hint=hint,
-    )
+    check(not foreign, "name", folder.name, allowed=allowed, hint=hint)
+
     try:
         manifest = manifests.load_manifest(folder)
     except BadValue:
-        return False
+        return None
     same = all(manifest.get(key) == value for key, value in about.items())
-    allowed, hint = (
-        "the name of a survey made with the same settings, or a new one",
-        f"{folder} was made with others",
-    )
-    check(same, "name", folder.name, allowed=allowed, hint=hint)
+    allowed = "must be a new name, or that of a survey made with the same settings"
+    check(same, "name", folder.name, allowed=allowed, hint=f"{folder} was made with others")
+
     try:
         manifests.verify(folder)
     except BadValue:
-        return False
-    return True
+        return None
+    return folder
 
 
-def _write(
-    folder: Path,
-    walk: list[Pose],
-    *,
+def _record(
     room: Room,
+    walk: Sequence[Pose],
+    *,
     scene: Scene,
-    seed: int,
     levels: NoiseLevels,
-) -> None:
-    """Write the recordings and what describes them."""
-    names, told = _names(walk), _told(levels)
-    for index, pose in enumerate(track(walk, f"survey {folder.name}", unit="poses")):
+    seed: int,
+    seconds: float,
+) -> Iterator[tuple[str, bytes]]:
+    """Yield the files of a survey one after the other, each as its name and content."""
+    probe = scene.probe
+    if seconds:
+        rng = stream(seed, "noise alone", 0)
+        alone = noise_alone(room, walk[0], scene=scene, seconds=seconds, levels=levels, rng=rng)
+        yield reader.NOISE, audio.wav_bytes(alone, probe.sample_rate)
+
+    names = []
+    for index, pose in enumerate(track(walk, "survey", unit="poses")):
         rng = stream(seed, "observation", index)
         observation, _ = observe(room, pose, scene=scene, levels=levels, rng=rng)
-        disk.write_atomic(
-            folder / names[index], audio.wav_bytes(observation.samples, scene.probe.sample_rate)
-        )
-    padded = np.pad(scene.probe.samples, (0, scene.probe.length - len(scene.probe.samples)))
-    disk.write_atomic(folder / "probe.wav", audio.wav_bytes(padded, scene.probe.sample_rate))
-    disk.write_atomic(folder / "poses.csv", poses_csv(walk, names))
-    noise = noise_kind(plain(scene), sensor="snr_db" in told)
-    conditions = {**told, "noise": noise, "room": list(room.size), "t60": room.t60}
-    about = description_bytes(
+        names.append(f"observations/{index:04d}.wav")
+        yield names[-1], audio.wav_bytes(observation.samples, probe.sample_rate)
+    yield "poses.csv", poses_csv(walk, names)
+
+    padded = np.pad(probe.samples, (0, probe.length - len(probe.samples)))
+    yield "probe.wav", audio.wav_bytes(padded, probe.sample_rate)
+
+    noise = noise_kind(plain(scene), sensor=levels.snr_db is not None)
+    given = {**_given(levels), "noise": noise, "room": list(room.size), "t60": room.t60}
+    text = description_bytes(
         scene.array,
-        scene.probe,
+        probe,
         speed_of_sound=scene.speed_of_sound,
         walls=outline(room),
-        conditions=conditions,
+        conditions=given,
     )
-    disk.write_atomic(folder / "survey.yaml", about)
+    yield "survey.yaml", text

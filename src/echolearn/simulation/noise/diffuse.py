@@ -23,7 +23,8 @@ from scipy import fft
 from scipy.special import j0
 
 from echolearn.acoustics.types import SPEED_OF_SOUND, Array, MicArray
-from echolearn.checks import check_number, check_whole
+from echolearn.checks import check_whole
+from echolearn.simulation.scene import check_speed
 
 
 class Source(Protocol):
@@ -48,15 +49,7 @@ class Diffuse:
     frame: int = 1024
 
     def __post_init__(self) -> None:
-        hint = "air is 343 m/s"
-        check_number(
-            "diffuse.speed_of_sound",
-            self.speed_of_sound,
-            low=100.0,
-            high=2000.0,
-            unit="m/s",
-            hint=hint,
-        )
+        check_speed("diffuse.speed_of_sound", self.speed_of_sound)
         check_whole("diffuse.frame", self.frame, low=64, high=65536, unit="samples")
 
     def __call__(

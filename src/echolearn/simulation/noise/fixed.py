@@ -18,6 +18,7 @@ from scipy import fft
 from echolearn.acoustics.types import SPEED_OF_SOUND, Array, MicArray
 from echolearn.checks import check, check_list, check_number
 from echolearn.simulation.noise.diffuse import Source
+from echolearn.simulation.scene import check_speed
 
 NEAREST = 0.01
 """m from any microphone."""
@@ -38,15 +39,7 @@ class Fixed:
     speed_of_sound: float = SPEED_OF_SOUND
 
     def __post_init__(self) -> None:
-        hint = "air is 343 m/s"
-        check_number(
-            "diffuse.speed_of_sound",
-            self.speed_of_sound,
-            low=100.0,
-            high=2000.0,
-            unit="m/s",
-            hint=hint,
-        )
+        check_speed("diffuse.speed_of_sound", self.speed_of_sound)
         check_list("diffuse.places", self.places, allowed="places of three coordinates in m")
         check(len(self.places) > 0, "diffuse.places", "[]", allowed="one place at least")
         for place in self.places:
