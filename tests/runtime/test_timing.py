@@ -11,9 +11,10 @@ import pytest
 from echolearn.runtime.timing import Contestant, exponent, lap, race, ratios, spread
 
 
-def test_median_and_quartiles_are_those_of_hand() -> None:
+def test_statistics_are_those_of_hand() -> None:
     assert spread([4.0, 1.0, 3.0, 2.0]) == (2.5, 1.75, 3.25)
     assert spread([7.0]) == (7.0, 7.0, 7.0)
+    assert exponent([1.0, 2.0, 4.0], [5.0, 40.0, 320.0]) == pytest.approx(3.0)
 
 
 def test_ratios_are_taken_lap_by_lap() -> None:
@@ -23,62 +24,51 @@ def test_ratios_are_taken_lap_by_lap() -> None:
         ratios([1.0, 2.0], [1.0])
 
 
-def test_the_power_of_a_law_is_found() -> None:
-    assert exponent([1.0, 2.0, 4.0], [5.0, 40.0, 320.0]) == pytest.approx(3.0)
-
-
 def test_sleeping_takes_time_but_no_cpu() -> None:
     found = lap(Contestant(partial(time.sleep, 0.04), units=4), calls=2)
     assert found.wall >= 0.01
     assert found.cpu < 0.005
 
 
-def burn(seconds: float) -> None:
-    """Compute for so much CPU time."""
-    until = time.process_time() + seconds
-    while time.process_time() < until:
-        pass
-
-
 def test_computing_takes_cpu_here_and_in_processes_that_were_started() -> None:
-    assert lap(Contestant(lambda: burn(0.05))).cpu == pytest.approx(0.05, rel=0.2)
-    child = "import time\nwhile time.process_time() < 0.3: pass"
-    assert (
-        lap(Contestant(lambda: subprocess.run([sys.executable, "-c", child], check=True))).cpu
-        >= 0.3
-    )
+    def burn() -> None:
+        until = time.process_time() + 0.05
+        while time.process_time() < until:
+            pass
+
+    assert lap(Contestant(burn)).cpu == pytest.approx(0.05, rel=0.2)
+    child = "import time\nwhile time.process_time() < 0.2: pass"
+    start = partial(subprocess.run, [sys.executable, "-c", child], check=True)
+    assert lap(Contestant(start)).cpu >= 0.2
 
 
-def noting(notes: list[str], name: str, pauses: list[float]) -> Callable[[], None]:
-    """Return work that notes its name, and sleeps as long as the list says, its last item from then
-    on."""
+def noting(notes: str, kept: list[str], *pauses: float) -> Callable[[], None]:
+    """Return work that notes its name, and sleeps for each pause in turn, the last one for good."""
+    left = list(pauses)
 
     def work() -> None:
-        notes.append(name)
-        time.sleep(pauses.pop(0) if len(pauses) > 1 else pauses[0])
+        kept.append(notes)
+        time.sleep(left.pop(0) if len(left) > 1 else left[0])
 
     return work
 
 
 def test_contestants_take_turns_and_nobody_is_always_first() -> None:
-    notes: list[str] = []
-    found = race(
-        {name: Contestant(noting(notes, name, [0.0]), warm=False) for name in "abc"}, laps=4
-    )
-    assert "".join(notes) == "abcbcacababc"
-    assert {name: len(laps) for name, laps in found.items()} == {"a": 4, "b": 4, "c": 4}
+    kept: list[str] = []
+    found = race({x: Contestant(noting(x, kept, 0.0), warm=False) for x in "abc"}, laps=4)
+    assert "".join(kept) == "abcbcacababc"
+    assert [len(laps) for laps in found.values()] == [4, 4, 4]
 
 
 def test_the_first_call_is_not_timed() -> None:
-    notes: list[str] = []
-    found = race({"slow at first": Contestant(noting(notes, "x", [0.3, 0.01]))}, laps=3)
+    found = race({"slow at first": Contestant(noting("x", [], 0.3, 0.01))}, laps=3)
     assert max(lap.wall for lap in found["slow at first"]) < 0.2
 
 
 def test_what_is_quick_is_called_often_enough_for_the_clock() -> None:
-    notes: list[str] = []
-    found = race({"quick": Contestant(noting(notes, "x", [2e-4]))}, laps=2)
-    assert len(notes) > 2 * 5
+    kept: list[str] = []
+    found = race({"quick": Contestant(noting("x", kept, 2e-4))}, laps=2)
+    assert len(kept) > 2 * 5
     assert all(2e-4 <= lap.wall < 5e-3 for lap in found["quick"])
 
 
