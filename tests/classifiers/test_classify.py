@@ -15,7 +15,7 @@ from omegaconf import OmegaConf
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
-from echolearn.classifiers import onnx_export, onnx_graph
+from echolearn.classifiers import onnx_export
 from echolearn.classifiers.architectures import CovarianceNet, Mlp
 from echolearn.classifiers.calibration import Calibrated, best_threshold, calibrate, platt
 from echolearn.classifiers.inputs import as_input

@@ -5,8 +5,7 @@
 
 At the sizes of the first kind workers and collation would cost more than the arithmetic. With the
 second kind, a batch of 128 covariances costs a third more, and memory does not grow with the number
-of rows. The batches are the same to
-the last bit: each entry is standardised by itself.
+of rows. The batches are the same to the last bit: each entry is standardised by itself.
 """
 
 import math
@@ -21,36 +20,43 @@ from echolearn.classifiers.inputs import Rows, blocks
 from echolearn.classifiers.standardise import Standardise
 
 BLOCK = 2048
-"""Rows standardised or judged at once."""
+"""Rows standardised or scored at once."""
 
 IN_MEMORY = 64 * 2**20
-"""Bytes of standardised inputs, of training and of validation rows each, that are kept as one
-tensor."""
+"""Bytes of standardised inputs, of training and of validation rows each, kept as one tensor."""
+
+Source = Callable[[torch.Tensor], torch.Tensor]
+"""From indices (B,) to standardised inputs (B, ...)."""
 
 
 class Batches:
     """Inputs and labels in equal parts, reshuffled at each pass if there is a seed."""
 
-    def __init__(
-        self, source: "Source", y: torch.Tensor, *, size: int, seed: int | None = None
-    ) -> None:
-        self.source, self.y, self.rows = source, y, len(y)
+    def __init__(self, source: Source, y: Array, *, size: int, seed: int | None = None) -> None:
+        """Divide rows into batches.
+
+        Args:
+            source: where standardised inputs come from.
+            y: labels, shape (B,).
+            size: rows in a batch, about.
+            seed: seed of the order; None leaves the rows in theirs.
+        """
+        self.source = source
+        self.y = torch.from_numpy(np.asarray(y).astype(np.float32))
+        self.rows = len(y)
         self.count = max(1, round(self.rows / size))
         self.generator = None if seed is None else torch.Generator().manual_seed(seed)
 
     def __iter__(self) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        shuffled = self.generator is not None
-        order = (
-            torch.randperm(self.rows, generator=self.generator)
-            if shuffled
-            else torch.arange(self.rows)
-        )
+        order = torch.arange(self.rows)
+        if self.generator is not None:
+            order = torch.randperm(self.rows, generator=self.generator)
         for rows in order.tensor_split(self.count):
             yield self.source(rows), self.y[rows]
 
 
 @dataclass(frozen=True)
-class Once:
+class WholeEpoch:
     """A loader of one item, all batches of an epoch: Lightning takes one step through it."""
 
     batches: Batches
@@ -62,11 +68,7 @@ class Once:
         yield self.batches
 
 
-Source = Callable[[torch.Tensor], torch.Tensor]
-"""From indices (B,) to standardised inputs (B, ...)."""
-
-
-def source(standardise: Standardise, rows: Rows) -> Source:
+def source_of(rows: Rows, standardise: Standardise) -> Source:
     """Return where batches come from: one tensor if it is small enough, else the shards."""
     if 4 * math.prod(rows.shape) > IN_MEMORY:
         return lambda indices: standardise(torch.from_numpy(rows[indices.numpy()]))
@@ -74,8 +76,3 @@ def source(standardise: Standardise, rows: Rows) -> Source:
     for start, block in enumerate(blocks(rows, rows.inputs, size=BLOCK)):
         whole[start * BLOCK : (start + 1) * BLOCK] = standardise(torch.from_numpy(block))
     return whole.__getitem__
-
-
-def tensor(y: Array) -> torch.Tensor:
-    """Return labels as float32."""
-    return torch.from_numpy(np.asarray(y).astype(np.float32))

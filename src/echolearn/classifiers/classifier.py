@@ -1,30 +1,26 @@
 """Classifiers: from what is known about an echo to the belief that a wall made it.
 
 A classifier sees either named columns of a data set (`score`, `peak_to_rms`, ...; view "features")
-or one tensor (`covariance`, ...; view "covariance"), and answers with one real number per
-observation, the *decision*: the larger, the stronger the belief in a reflector. Its scale is the
-classifier's own, a logit for networks and trees, a signed margin for the SVM, a standardised column
-for a bare threshold. Turning decisions into confidences is not the classifier's business:
-`echolearn.training.train` calibrates every one of them in the same way (`calibration`), on data
-that `fit` used for early stopping at most.
+or one tensor (`covariance`, ...; view "covariance"), and gives one real number per observation,
+the *decision*: the larger, the stronger the belief in a reflector. Its scale is the classifier's
+own: a logit for networks and trees, a signed margin for the SVM, a standardised column for a bare
+threshold. Turning decisions into confidences is not the classifier's business: every one of them is
+calibrated in the same way (`calibration`), on rows that `fit` used for early stopping at most.
 
-    x, y --fit--> classifier --decision--> d --sigmoid(a d + b), a > 0--> confidence --threshold-->
-    kept
+    x, y --fit--> classifier --decision--> d --sigmoid(a d + b), a > 0--> confidence >= threshold
 
-Each module is one method: `threshold`, `svm`, `trees`, `network` (any `torch.nn.Module` from
-    `nets`, or your
-own). To add another, write a dataclass with the three methods of `Classifier` below, check its
-arguments in `__post_init__` by `echolearn.checks.check`, and put a `conf/classifier/<name>.yaml`
+Each file in `methods/` is one method: `threshold`, `svm`, `trees`, `network` (any `torch.nn.Module`
+from `architectures`, or your own). To add another, write a dataclass with the three methods of
+`Classifier` below, check its arguments in `__post_init__`, and put a `conf/classifier/<name>.yaml`
 beside the others whose first line names the class and whose other keys are its arguments. Nothing
-registers it: the contract tests find the file by glob, and a sweep over `classifier=...` takes it
-from there.
+registers it: the contract tests find the file by glob, and so does a sweep over `classifier=...`.
 
 Three promises keep all classifiers exchangeable:
 
 - *Finite float32.* Inputs are rounded to float32 before anything looks at them (`inputs.as_input`),
   and whatever is not finite is refused. So `decision` and its exported twin see the same numbers.
 - *One scorer.* `scorer()` writes the fitted function, scaler and all, as a torch module of real
-  tensor operations. `onnx_model` turns it into a file that onnxruntime evaluates to the same
+  tensor operations. `onnx_export` turns it into a file that onnxruntime evaluates to the same
   confidences, for an SVM as for a network, and that file is all that is ever loaded again. Nothing
   is pickled.
 - *Seeds.* `fit` with equal arguments gives equal decisions, and leaves the global random state
@@ -35,6 +31,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
 from echolearn.acoustics.types import Array
+from echolearn.checks import check_number, check_whole
 from echolearn.classifiers.inputs import Inputs
 
 if TYPE_CHECKING:
@@ -44,15 +41,16 @@ if TYPE_CHECKING:
 class Classifier(Protocol):
     """What every classifier does.
 
+    Two further attributes are copied into a run's metrics where a classifier has them after `fit`:
+    `cross_validation`, what a search over its own settings has found, and `device`, the torch
+    device that trained it.
+
     Attributes:
-        inputs: names of the columns it sees, in order, or of the one tensor.
+        inputs: names of the columns it sees, in order, or of the one tensor; `inputs.view_of` tells
+            which.
     """
 
     inputs: tuple[str, ...]
-
-    @property
-    def view(self) -> str:
-        """Return "features" for columns, "covariance" for a tensor."""
 
     def fit(
         self,
@@ -73,14 +71,31 @@ class Classifier(Protocol):
             groups: id of the position each row was observed from, shape (B,); rows of one position
                 never part.
             validation: x and y of positions that are not in `groups`, for early stopping.
-            folder: of the run, where logs and checkpoints may be left.
-            seed: of everything random.
+            folder: folder of the run, where logs and checkpoints may be left.
+            seed: seed of everything random.
         """
 
     def decision(self, x: Inputs) -> Array:
         """Return the belief in a reflector, shape (B,), float64, on the classifier's own scale."""
 
     def scorer(self) -> "torch.nn.Module":
-        """Return the same function as a torch module: float32 `x` to float64 or float32 decisions
-        (B,).
-        """
+        """Return the same function as a torch module: float32 x to decisions (B,), on the CPU."""
+
+
+def check_settings(owner: object, group: str, **limits: tuple[float, float]) -> None:
+    """Check that numbers among the settings of a classifier or network are within their limits.
+
+    Args:
+        owner: object whose attributes the settings are.
+        group: part of the configuration that they stand in, for messages.
+        limits: smallest and largest value by name; a setting is a whole number if both are.
+
+    Raises:
+        BadValue: a setting is no number, or beyond its limits.
+    """
+    for name, (low, high) in limits.items():
+        value = getattr(owner, name)
+        if isinstance(low, int) and isinstance(high, int):
+            check_whole(f"{group}.{name}", value, low=low, high=high)
+        else:
+            check_number(f"{group}.{name}", value, low=low, high=high)

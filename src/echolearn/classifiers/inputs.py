@@ -1,13 +1,13 @@
 """What classifiers are fed: names of columns or of one tensor, and finite float32 arrays.
 
 Columns fit into any memory, tensors do not: 100 000 covariances are as many pages of shards on
-    disk. `Rows` stand
-for an array whose rows are fetched when they are asked for. Whoever needs the whole array says
-`as_input(x, inputs)`.
+disk. `Rows` stand for an array whose rows are fetched when they are asked for. Whoever needs the
+whole array says `as_input(x, inputs)`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,14 +30,11 @@ TRUTH = (
     "group",
     "truth_toa",
 )
-"""Columns that only a simulation knows; a classifier that saw them would be judged on an answer it
-was told."""
+"""Columns that only a simulation knows; a classifier that saw them would be told the answer."""
 
 
 def view_of(inputs: Sequence[str]) -> str:
-    """Return the view that `inputs` belong to: tensors are called covariance..., everything else is
-    a column.
-    """
+    """Return the view of `inputs`: the names of tensors begin with "covariance"."""
     return COVARIANCE if inputs and inputs[0].startswith(COVARIANCE) else FEATURES
 
 
@@ -46,46 +43,28 @@ def check_inputs(inputs: Sequence[str], *, views: Sequence[str] = (FEATURES,)) -
 
     Args:
         inputs: names of columns, or the name of one tensor.
-        views: those the classifier can work on.
+        views: views that the classifier can work on.
 
     Raises:
-        BadValue: not a list of distinct names, a name that is the truth's, several tensors, or the
-            wrong view.
+        BadValue: not a list of distinct names, a name that only a simulation knows, several
+            tensors, or the wrong view.
     """
-    named = (
-        isinstance(inputs, list | tuple)
-        and len(inputs) > 0
-        and all(isinstance(name, str) for name in inputs)
-    )
-    check(
-        named,
-        "classifier.inputs",
-        inputs,
-        allowed="a list of column names, or of one tensor's name",
-    )
-    names, shown = tuple(inputs), list(inputs)
-    check(len(set(names)) == len(names), "classifier.inputs", shown, allowed="each name once")
-    told = [name for name in names if name in TRUTH]
-    check(
-        not told,
-        "classifier.inputs",
-        shown,
-        allowed="what a robot can measure",
-        hint=f"{told} is known to simulations only",
-    )
-    tensors = [name for name in names if view_of([name]) == COVARIANCE]
-    check(
-        not tensors or len(names) == 1,
-        "classifier.inputs",
-        shown,
-        allowed="columns, or one tensor alone",
-    )
-    check(
-        view_of(names) in views,
-        "classifier.inputs",
-        shown,
-        allowed=f"{' or '.join(views)} for this classifier",
-    )
+    listed = isinstance(inputs, list | tuple) and len(inputs) > 0
+    need = partial(check, name="classifier.inputs", value=list(inputs) if listed else inputs)
+    named = listed and all(isinstance(name, str) for name in inputs)
+    need(named, allowed="a list of column names, or of one tensor's name")
+
+    names = tuple(inputs)
+    need(len(set(names)) == len(names), allowed="each name once")
+    known = ", ".join(sorted({*names} & {*TRUTH}))
+    hint = f"only a simulation knows {known}"
+    need(not known, allowed="what a robot can measure", hint=hint)
+
+    tensors = sum(name.startswith(COVARIANCE) for name in names)
+    need(not tensors or len(names) == 1, allowed="columns, or one tensor alone")
+    kinds = {FEATURES: "columns", COVARIANCE: "a tensor"}
+    allowed = " or ".join(kinds[view] for view in views)
+    need(view_of(names) in views, allowed=f"{allowed} for this classifier")
     return names
 
 
@@ -98,9 +77,9 @@ class Rows:
     them.
 
     Attributes:
-        gather: returns rows by their numbers in the set, in that order.
-        numbers: of these rows in the set, shape (B,).
-        inputs: the names of what a row holds.
+        gather: function that returns rows by their numbers in the set, in that order.
+        numbers: numbers of these rows in the set, shape (B,).
+        inputs: names of what a row holds.
     """
 
     gather: Callable[[Array], Array]
@@ -140,7 +119,13 @@ def rows_of(x: Inputs, inputs: Sequence[str]) -> Rows:
 
 
 def blocks(x: Inputs, inputs: Sequence[str], *, size: int = 2048) -> Iterator[Array]:
-    """Yield `x` as arrays of at most `size` rows, and one without rows if there are none."""
+    """Yield `x` as arrays of at most `size` rows, and one without rows if there are none.
+
+    Args:
+        x: shape (B, ...).
+        inputs: names of what a row holds.
+        size: rows in an array, at most.
+    """
     rows = rows_of(x, inputs)
     for start in range(0, max(1, len(rows)), size):
         yield rows[start : start + size]
@@ -151,31 +136,31 @@ def as_input(x: Inputs, inputs: Sequence[str], *, numbers: Array | None = None) 
 
     Args:
         x: shape (B, K) for K columns, (B, bands, M * M) for a tensor.
-        inputs: the names of what `x` holds.
-        numbers: of the rows, shape (B,), for the message; as they follow each other if None.
+        inputs: names of what a row holds.
+        numbers: numbers of the rows, shape (B,), for the message; 0 ... B - 1 if None.
 
     Raises:
         BadValue: the wrong shape, or a value that is not finite in float32.
     """
     x = np.asarray(x)
-    covariance = view_of(inputs) == COVARIANCE
-    fits = x.ndim == 3 if covariance else x.ndim == 2 and x.shape[1] == len(inputs)
-    allowed = (
-        "(B, bands, M * M)"
-        if covariance
-        else f"(B, {len(inputs)}), the columns {', '.join(inputs)}"
-    )
+    if view_of(inputs) == COVARIANCE:
+        fits = x.ndim == 3
+        allowed = "(B, bands, M * M)"
+    else:
+        fits = x.ndim == 2 and x.shape[1] == len(inputs)
+        allowed = f"(B, {len(inputs)}), the columns {', '.join(inputs)}"
     check(fits, "x.shape", x.shape, allowed=allowed, hint="was the array taken from another view?")
+
+    # What overflows float32 becomes infinite here, and is refused below by its name.
     with np.errstate(over="ignore"):
         x = np.ascontiguousarray(x, dtype=np.float32)
     if not np.isfinite(x).all():
         place = np.argwhere(~np.isfinite(x))[0]
-        name, row = (
-            inputs[0] if covariance else inputs[place[1]],
-            place[0] if numbers is None else numbers[place[0]],
-        )
+        name = inputs[0] if x.ndim == 3 else inputs[place[1]]
+        row = place[0] if numbers is None else numbers[place[0]]
+        value = x[tuple(place)]
         raise BadValue(
-            f"{name}={x[tuple(place)]} in row {row}: finite numbers; was a silent recording analysed?"
+            f"{name}={value} in row {row}: must be finite; was a silent recording analysed?"
         )
     return x
 
@@ -185,11 +170,7 @@ def check_labels(y: Array, rows: int) -> Array:
     y = np.asarray(y).astype(bool)
     check(y.shape == (rows,), "y.shape", y.shape, allowed=f"({rows},), one label per row of x")
     count = int(y.sum())
-    check(
-        0 < count < rows,
-        "reflectors",
-        f"{count} of {rows} training rows",
-        allowed="both classes",
-        hint="use more rows",
-    )
+    shown = f"{count} of {rows} training rows"
+    hint = "use more rows"
+    check(0 < count < rows, "reflectors", shown, allowed="must hold both classes", hint=hint)
     return y

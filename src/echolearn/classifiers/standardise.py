@@ -11,6 +11,7 @@ Clipping also bounds what a network is asked to extrapolate to in a room it has 
 import numpy as np
 import torch
 
+from echolearn.classifiers.constants import register_constants
 from echolearn.classifiers.inputs import Inputs
 
 TAIL = 0.005
@@ -19,6 +20,11 @@ TAIL = 0.005
 
 class Standardise(torch.nn.Module):
     """The map x -> z, entry by entry, computed in float64 and returned in float32."""
+
+    low: torch.Tensor
+    high: torch.Tensor
+    mean: torch.Tensor
+    scale: torch.Tensor
 
     def __init__(self, x: Inputs, rows: int = 4000) -> None:
         """Learn the constants.
@@ -32,18 +38,12 @@ class Standardise(torch.nn.Module):
         low, high = np.quantile(some, [TAIL, 1.0 - TAIL], axis=0)
         clipped = np.clip(some, low, high)
         deviation = clipped.std(axis=0)
-        values = {
-            "low": low,
-            "high": high,
-            "mean": clipped.mean(axis=0),
-            "scale": np.where(deviation > 0, deviation, 1.0),
-        }
-        for name, value in values.items():
-            self.register_buffer(name, torch.tensor(value, dtype=torch.float64))
+
+        # An entry that never varies says nothing: it becomes 0 rather than 0 / 0.
+        scale = np.where(deviation > 0, deviation, 1.0)
+        register_constants(self, low=low, high=high, mean=clipped.mean(axis=0), scale=scale)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Map (B, ...) to (B, ...)."""
-        clipped = torch.minimum(
-            torch.maximum(x.double(), self.get_buffer("low")), self.get_buffer("high")
-        )
-        return ((clipped - self.get_buffer("mean")) / self.get_buffer("scale")).float()
+        clipped = torch.minimum(torch.maximum(x.double(), self.low), self.high)
+        return ((clipped - self.mean) / self.scale).float()

@@ -211,7 +211,7 @@ def export(fitted: Calibrated, x: Rows, folder: Path) -> dict[str, Any]:
     """Write `model.onnx`, proved on inputs `x` (B, ...), and return its SHA-256, parity and trials."""
     from echolearn.classifiers import onnx_export
 
-    data, parity, trials = onnx_export.export(fitted, x)
+    data, parity, trials = onnx_export.export_proved(fitted, x)
     files.write_atomic(folder / "model.onnx", data)
     return {"sha256": files.sha256(folder / "model.onnx"), "parity": parity, "trials": trials}
 

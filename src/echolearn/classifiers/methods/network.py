@@ -5,15 +5,14 @@ loss is taken; training stops when it has not fallen for `patience` epochs, and 
 weights are put back. The run folder receives `best.ckpt`, `metrics.csv` and TensorBoard events.
 
 Batches come from memory or, of large sets, from the shards (`batches`). One thread; two runs side
-by side use two cores.
+by side use two cores. `accelerator` says what trains: the CPU, or what Lightning finds ("auto",
+"gpu", "mps"). What has been trained computes on the CPU wherever it comes from.
 
 What Lightning calls a step is here a whole epoch, and the loop over batches stands in
 `Training.training_step`: with batches of less than a millisecond its hooks around every step would
 take most of the time.
 """
 
-import logging
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -23,14 +22,15 @@ from typing import Any, Self
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch import LightningModule, Trainer
-from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
+from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
 from lightning.pytorch.core.optimizer import LightningOptimizer
-from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger
+from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from torch import nn
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check, check_number, check_whole
-from echolearn.classifiers.batches import BLOCK, Batches, Once, source, tensor
+from echolearn.checks import check
+from echolearn.classifiers.batches import BLOCK, Batches, WholeEpoch, source_of
+from echolearn.classifiers.classifier import check_settings
 from echolearn.classifiers.inputs import (
     COVARIANCE,
     FEATURES,
@@ -41,6 +41,7 @@ from echolearn.classifiers.inputs import (
     rows_of,
     view_of,
 )
+from echolearn.classifiers.quiet import quiet
 from echolearn.classifiers.standardise import Standardise
 from echolearn.storage.files import write_atomic
 
@@ -50,14 +51,16 @@ class Network:
     """A network on standardised columns or on one standardised tensor.
 
     Attributes:
-        inputs: column names, or one tensor's name.
-        net: recipe that makes the network from the shape of one row (see `nets`).
+        inputs: names of the columns, or of the one tensor.
+        net: recipe that makes the network from the shape of one row (see `architectures`).
         lr: learning rate.
-        epochs: at most this many passes.
-        patience: epochs without a better validation loss before stopping.
-        batch_size: rows per step.
-        weight_decay: of AdamW.
+        epochs: number of passes, at most.
+        patience: number of epochs without a lower validation loss before stopping.
+        batch_size: rows per step of the optimiser, about.
+        weight_decay: weight decay of AdamW.
         noise: deviation of Gaussian noise added to standardised training inputs.
+        accelerator: what trains: "cpu", "auto" (the fastest there is), "gpu" or "mps".
+        device: torch's name of what has trained, after `fit`: cpu, cuda, mps.
     """
 
     inputs: tuple[str, ...]
@@ -68,32 +71,35 @@ class Network:
     batch_size: int = 128
     weight_decay: float = 0.01
     noise: float = 0.0
+    accelerator: str = "cpu"
+    device: str = field(init=False, repr=False)
     fitted: nn.Module = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self.inputs = check_inputs(self.inputs, views=(FEATURES, COVARIANCE))
-        check_number("classifier.lr", self.lr, low=1e-7, high=10.0)
-        check_whole("classifier.epochs", self.epochs, low=1, high=100_000)
-        check_whole("classifier.patience", self.patience, low=1, high=100_000)
-        check_whole("classifier.batch_size", self.batch_size, low=1, high=1_000_000)
-        check_number("classifier.weight_decay", self.weight_decay, low=0.0, high=10.0)
-        check_number("classifier.noise", self.noise, low=0.0, high=10.0)
-        recipe = callable(self.net) and not isinstance(self.net, nn.Module)
-        check(
-            recipe,
-            "classifier.net",
-            self.net,
-            allowed="a recipe from echolearn.classifiers.architectures",
+        check_settings(
+            self,
+            "classifier",
+            lr=(1e-7, 10.0),
+            epochs=(1, 100_000),
+            patience=(1, 100_000),
+            batch_size=(1, 1_000_000),
+            weight_decay=(0.0, 10.0),
+            noise=(0.0, 10.0),
         )
-        with seeded(0):
-            self.net(
-                (16, 36) if self.view == COVARIANCE else (len(self.inputs),)
-            )  # fails now rather than after an hour
+        there = accelerators()
+        allowed = f"must be what this machine has: {', '.join(there)}"
+        check(
+            self.accelerator in there, "classifier.accelerator", self.accelerator, allowed=allowed
+        )
+        recipe = callable(self.net) and not isinstance(self.net, nn.Module)
+        allowed = "must be a recipe from echolearn.classifiers.architectures"
+        check(recipe, "classifier.net", self.net, allowed=allowed)
 
-    @property
-    def view(self) -> str:
-        """Return "features" or "covariance", as `inputs` have it."""
-        return view_of(self.inputs)
+        # A recipe that does not fit the inputs fails now rather than after an hour of sets.
+        shape = (16, 36) if view_of(self.inputs) == COVARIANCE else (len(self.inputs),)
+        with seeded(0):
+            self.net(shape)
 
     def fit(
         self,
@@ -105,48 +111,54 @@ class Network:
         folder: Path,
         seed: int,
     ) -> Self:
-        """Train, keep the best epoch; see `Classifier.fit`."""
-        rows, held = rows_of(x, self.inputs), rows_of(validation[0], self.inputs)
+        """Train until the validation loss stops falling, and keep the best epoch.
+
+        Args:
+            x, y, groups, validation, folder, seed: as `Classifier.fit` has them.
+        """
+        rows = rows_of(x, self.inputs)
+        unseen = rows_of(validation[0], self.inputs)
         y = check_labels(y, len(rows))
         standardise = Standardise(rows)
         with seeded(seed), quiet():
-            net = self.net(rows.shape[1:])
-            training = Training(net, lr=self.lr, weight_decay=self.weight_decay, noise=self.noise)
-            best = ModelCheckpoint(
-                folder,
-                "best",
-                monitor="val/loss",
-                save_weights_only=True,
-                enable_version_counter=False,
-            )
-            trainer = self.trainer(
-                folder, [EarlyStopping("val/loss", patience=self.patience), best]
-            )
-            batches = Batches(source(standardise, rows), tensor(y), size=self.batch_size, seed=seed)
-            unseen = Batches(source(standardise, held), tensor(validation[1]), size=BLOCK)
-            trainer.fit(training, Once(batches), Once(unseen))
-            state = torch.load(best.best_model_path, weights_only=True)["state_dict"]
-        training.load_state_dict(state)
+            training = Training(self.net(rows.shape[1:]), self)
+            source = source_of(rows, standardise)
+            batches = Batches(source, y, size=self.batch_size, seed=seed)
+            held = Batches(source_of(unseen, standardise), validation[1], size=BLOCK)
+            trainer, best = self.trainer(folder)
+            trainer.fit(training, WholeEpoch(batches), WholeEpoch(held))
+        self.device = trainer.strategy.root_device.type
+
+        state = torch.load(best.best_model_path, weights_only=True, map_location="cpu")
+        training.cpu().load_state_dict(state["state_dict"])
         self.fitted = nn.Sequential(standardise, training.net).eval()
         return self
 
-    def trainer(self, folder: Path, callbacks: list[Callback]) -> Trainer:
-        """Return a quiet single-threaded trainer that logs into `folder`."""
+    def trainer(self, folder: Path) -> tuple[Trainer, ModelCheckpoint]:
+        """Return a quiet trainer that logs into `folder`, and what keeps the best epoch there."""
         place: dict[str, Any] = {"save_dir": str(folder), "name": "", "version": ""}
-        loggers: list[Logger] = [
-            CSVLogger(**place),
-            TensorBoardLogger(**place, default_hp_metric=False, flush_secs=5),
-        ]
-        return Trainer(
-            accelerator="cpu",
+        best = ModelCheckpoint(
+            folder,
+            "best",
+            monitor="val/loss",
+            save_weights_only=True,
+            enable_version_counter=False,
+        )
+        board = TensorBoardLogger(**place, default_hp_metric=False, flush_secs=5)
+        trainer = Trainer(
+            accelerator=self.accelerator,
+            devices=1,
+            # Sums on a GPU come in any order unless it is told otherwise.
+            deterministic=None if self.accelerator == "cpu" else "warn",
             max_epochs=self.epochs,
-            callbacks=callbacks,
-            logger=loggers,
+            callbacks=[EarlyStopping("val/loss", patience=self.patience), best],
+            logger=[CSVLogger(**place), board],
             plugins=[StagedCheckpoints()],
             num_sanity_val_steps=0,
             enable_progress_bar=False,
             enable_model_summary=False,
         )
+        return trainer, best
 
     def decision(self, x: Inputs) -> Array:
         """Return the logit, shape (B,)."""
@@ -159,23 +171,37 @@ class Network:
         return self.fitted
 
 
-class Training(LightningModule):
-    """The network with its loss and optimiser; a step is an epoch."""
+def accelerators() -> list[str]:
+    """Return what can train on this machine."""
+    apple = torch.backends.mps.is_available()
+    gpu = apple or torch.cuda.is_available()
+    return ["cpu", "auto"] + ["gpu"] * gpu + ["mps"] * apple
 
-    def __init__(self, net: nn.Module, *, lr: float, weight_decay: float, noise: float) -> None:
+
+class Training(LightningModule):
+    """A network with its loss and optimiser; a step is an epoch."""
+
+    def __init__(self, net: nn.Module, settings: Network) -> None:
         super().__init__()
-        self.net, self.lr, self.weight_decay, self.noise = net, lr, weight_decay, noise
+        self.net = net
+        self.settings = settings
         self.loss = nn.BCEWithLogitsLoss()
         self.automatic_optimization = False
+
+    def loss_of(self, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+        """Return the mean loss of a batch, computed where the network lies."""
+        loss: torch.Tensor = self.loss(self.net(x), y.to(self.device))
+        return loss
 
     def training_step(self, batches: Batches, _index: int) -> None:
         """Pass over all batches and log their mean loss."""
         optimizer = self.optimizers()
         assert isinstance(optimizer, LightningOptimizer)
-        total = torch.zeros(())
+        noise = self.settings.noise
+        total = torch.zeros((), device=self.device)
         for x, y in batches:
-            x = x + self.noise * torch.randn_like(x) if self.noise else x
-            loss: torch.Tensor = self.loss(self.net(x), y)
+            x = x.to(self.device)
+            loss = self.loss_of(x + noise * torch.randn_like(x) if noise else x, y)
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
@@ -184,7 +210,9 @@ class Training(LightningModule):
 
     def validation_step(self, batches: Batches, _index: int) -> None:
         """Log the mean loss on unseen positions."""
-        total = sum((self.loss(self.net(x), y) * len(y) for x, y in batches), torch.zeros(()))
+        total = torch.zeros((), device=self.device)
+        for x, y in batches:
+            total += self.loss_of(x.to(self.device), y) * len(y)
         self.log("val/loss", total / batches.rows, batch_size=1)
 
     def on_train_epoch_start(self) -> None:
@@ -194,7 +222,8 @@ class Training(LightningModule):
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """Return AdamW."""
-        return torch.optim.AdamW(self.parameters(), lr=self.lr, weight_decay=self.weight_decay)
+        decay = self.settings.weight_decay
+        return torch.optim.AdamW(self.parameters(), lr=self.settings.lr, weight_decay=decay)
 
 
 class StagedCheckpoints(TorchCheckpointIO):
@@ -207,7 +236,13 @@ class StagedCheckpoints(TorchCheckpointIO):
     def save_checkpoint(
         self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None
     ) -> None:
-        """Write `checkpoint` to `path` in one step."""
+        """Write a checkpoint in one step.
+
+        Args:
+            checkpoint: what to write.
+            path: where.
+            storage_options: not used.
+        """
         write_atomic(Path(path), lambda file: torch.save(checkpoint, file))
 
 
@@ -222,19 +257,3 @@ def seeded(seed: int) -> Iterator[None]:
             yield
         finally:
             torch.set_num_threads(threads)
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Silence Lightning's advice within the block."""
-    loggers = [logging.getLogger(name) for name in ("lightning.pytorch", "lightning.fabric")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.ERROR)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            yield
-        finally:
-            for logger, level in zip(loggers, levels, strict=True):
-                logger.setLevel(level)

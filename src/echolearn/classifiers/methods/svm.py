@@ -3,15 +3,13 @@
     d(x) = sum_i alpha_i exp(-gamma |z - z_i|^2) + rho,     z = (x - mean) / deviation
 
 C and gamma are those with the best cross-validated area under the ROC curve on a grid. Folds are
-disjoint in
-positions: neighbouring rows of one position in two folds would reward memory. The paper says five
-    folds and leaves
-the grid open; scikit-learn (libsvm) does the fitting, and the scorer writes out the sum above.
+disjoint in positions: neighbouring rows of one position in two folds would reward memory. The paper
+says five folds and leaves the grid open; scikit-learn (libsvm) does the fitting, and the scorer
+writes out the sum above.
 
 A fit costs between the square and the cube of its rows. So the search looks at `search_rows` only,
-and computes the
-distances |z_i - z_j|^2 of a fold once for the whole grid; beyond `fit_rows` the fit takes a random part of the
-positions. Both numbers stand in the run's metrics.
+and computes the distances |z_i - z_j|^2 of a fold once for the whole grid; beyond `fit_rows` the
+fit takes a random part of the positions. Both numbers stand in the run's metrics.
 """
 
 from collections.abc import Sequence
@@ -31,8 +29,10 @@ from sklearn.svm import SVC
 from sklearn.utils.parallel import Parallel, delayed
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check, check_number, check_whole
-from echolearn.classifiers.inputs import FEATURES, Inputs, as_input, check_inputs, check_labels
+from echolearn.checks import check, check_list, check_number
+from echolearn.classifiers.classifier import check_settings
+from echolearn.classifiers.constants import register_constants
+from echolearn.classifiers.inputs import Inputs, as_input, check_inputs, check_labels
 
 
 @dataclass
@@ -40,12 +40,11 @@ class Svm:
     """RBF-SVM on standardised columns.
 
     Attributes:
-        inputs: column names.
+        inputs: names of the columns.
         c_grid: candidates for C, the price of a training error.
         gamma_grid: candidates for gamma, per squared standard deviation.
-        folds: of the cross-validation that chooses among them.
-        search_rows: the search looks at about this many rows at most, whole positions drawn at
-            random.
+        folds: folds of the cross-validation that chooses among them.
+        search_rows: rows that the search looks at, about and at most: whole positions at random.
         fit_rows: the same for the final fit; positions of the search are among them.
         n_jobs: processes of the search.
         cross_validation: after `fit`, mean and standard deviation over folds of the chosen pair's
@@ -64,20 +63,21 @@ class Svm:
 
     def __post_init__(self) -> None:
         self.inputs = check_inputs(self.inputs)
-        for name, grid in (("c_grid", self.c_grid), ("gamma_grid", self.gamma_grid)):
-            listed = isinstance(grid, Sequence) and not isinstance(grid, str) and len(grid) > 0
-            check(listed, f"classifier.{name}", grid, allowed="a list of positive numbers")
+        for name in ("c_grid", "gamma_grid"):
+            key = f"classifier.{name}"
+            grid = getattr(self, name)
+            check_list(key, grid, allowed="must be a list of positive numbers, [0.1,1]")
+            check(len(grid) > 0, key, "[]", allowed="must have at least one number")
             for value in grid:
-                check_number(f"classifier.{name}", value, low=1e-6, high=1e6)
-        check_whole("classifier.folds", self.folds, low=2, high=20)
-        check_whole("classifier.search_rows", self.search_rows, low=50, high=10_000)
-        check_whole("classifier.fit_rows", self.fit_rows, low=50, high=1_000_000)
-        check_whole("classifier.n_jobs", self.n_jobs, low=1, high=256)
-
-    @property
-    def view(self) -> str:
-        """Return "features"."""
-        return FEATURES
+                check_number(key, value, low=1e-6, high=1e6)
+        check_settings(
+            self,
+            "classifier",
+            folds=(2, 20),
+            search_rows=(50, 10_000),
+            fit_rows=(50, 1_000_000),
+            n_jobs=(1, 256),
+        )
 
     def fit(
         self,
@@ -89,42 +89,79 @@ class Svm:
         folder: Path,
         seed: int,
     ) -> Self:
-        """Choose C and gamma, then fit; see `Classifier.fit`."""
-        x, groups = as_input(x, self.inputs).astype(float), np.asarray(groups)
+        """Choose C and gamma by cross-validation, then fit with them.
+
+        Args:
+            x, y, groups, validation, folder, seed: as `Classifier.fit` has them.
+        """
+        x = as_input(x, self.inputs).astype(float)
         y = check_labels(y, len(x))
-        seen, rows = (
-            some_positions(groups, count, seed) for count in (self.search_rows, self.fit_rows)
-        )
+        groups = np.asarray(groups)
+        seen = some_positions(groups, rows=self.search_rows, seed=seed)
+        rows = some_positions(groups, rows=self.fit_rows, seed=seed)
         check_labels(y[rows], len(rows))
-        found = self.search(x[seen], y[seen], groups[seen], seed)
+        found = self.search(x[seen], y[seen], groups=groups[seen], seed=seed)
         self.cross_validation = found | {"search_rows": len(seen), "fit_rows": len(rows)}
-        self.pipeline = machine(C=found["c"], gamma=found["gamma"]).fit(x[rows], y[rows])
+
+        svm = SVC(kernel="rbf", cache_size=200, C=found["c"], gamma=found["gamma"])
+        self.pipeline = Pipeline([("scaler", StandardScaler()), ("svm", svm)])
+        self.pipeline.fit(x[rows], y[rows])
         return self
 
-    def search(self, x: Array, y: Array, groups: Array, seed: int) -> dict[str, float]:
-        """Return the best pair of the grid, `c` and `gamma`, and its cross-validated `auc` and
-        `auc_sd`.
+    def search(self, x: Array, y: Array, *, groups: Array, seed: int) -> dict[str, float]:
+        """Return the best pair of the grid, `c` and `gamma`, and its `auc` and `auc_sd` over folds.
+
+        Args:
+            x: columns, shape (B, K).
+            y: True for a reflector, shape (B,).
+            groups: position of each row, shape (B,).
+            seed: seed of the division into folds.
         """
+        # A fold without both classes has no ROC curve.
         fewest = min(len(np.unique(groups[y])), len(np.unique(groups[~y])))
-        check(
-            fewest >= 2,
-            "positions",
-            fewest,
-            allowed="at least 2 of each class to cross-validate",
-            hint="use more rows",
-        )
-        folds = StratifiedGroupKFold(
-            min(self.folds, fewest), shuffle=True, random_state=seed
-        ).split(x, y, groups)
-        jobs = (delayed(fold_scores)(x, y, rows, self.c_grid, self.gamma_grid) for rows in folds)
+        allowed = "must be at least 2 of each class to cross-validate"
+        check(fewest >= 2, "positions", fewest, allowed=allowed, hint="use more rows")
+        count = min(self.folds, fewest)
+        folds = StratifiedGroupKFold(count, shuffle=True, random_state=seed)
+
+        jobs = [
+            delayed(self.fold_scores)(x, y, fold=fold, held=held)
+            for fold, held in folds.split(x, y, groups)
+        ]
         scores = np.array(Parallel(self.n_jobs)(jobs))
-        best = np.unravel_index(scores.mean(axis=0).argmax(), scores.shape[1:])
+        mean = scores.mean(axis=0)
+        best = np.unravel_index(mean.argmax(), mean.shape)
         return {
-            "auc": float(scores.mean(axis=0)[best]),
+            "auc": float(mean[best]),
             "auc_sd": float(scores.std(axis=0)[best]),
             "c": float(self.c_grid[best[0]]),
             "gamma": float(self.gamma_grid[best[1]]),
         }
+
+    def fold_scores(self, x: Array, y: Array, *, fold: Array, held: Array) -> Array:
+        """Return the area under the ROC curve of every pair of the grid, shape (C, gammas).
+
+        Args:
+            x: columns, shape (B, K).
+            y: True for a reflector, shape (B,).
+            fold: rows to fit on.
+            held: rows to score.
+        """
+        scaler = StandardScaler().fit(x[fold])
+        known = scaler.transform(x[fold])
+        near = cdist(known, known, "sqeuclidean")
+        far = cdist(scaler.transform(x[held]), known, "sqeuclidean")
+        scores = np.empty((len(self.c_grid), len(self.gamma_grid)))
+        for column, gamma in enumerate(self.gamma_grid):
+            kernel = np.exp(-gamma * near)
+            other = np.exp(-gamma * far)
+            for row, c in enumerate(self.c_grid):
+                # The checks of scikit-learn would take as long as the fit.
+                with config_context(assume_finite=True, skip_parameter_validation=True):
+                    svm = SVC(kernel="precomputed", C=c, cache_size=200).fit(kernel, y[fold])
+                    decision = other[:, svm.support_] @ svm.dual_coef_[0]
+                    scores[row, column] = roc_auc_score(y[held], decision)
+        return scores
 
     def decision(self, x: Inputs) -> Array:
         """Return the signed margin, shape (B,)."""
@@ -136,50 +173,13 @@ class Svm:
         return KernelSum(self.pipeline["scaler"], self.pipeline["svm"])
 
 
-def machine(**settings: Any) -> Pipeline:
-    """Return an unfitted scaler and SVM."""
-    return Pipeline(
-        [("scaler", StandardScaler()), ("svm", SVC(kernel="rbf", cache_size=200, **settings))]
-    )
-
-
-def fold_scores(
-    x: Array,
-    y: Array,
-    rows: tuple[Array, Array],
-    c_grid: Sequence[float],
-    gamma_grid: Sequence[float],
-) -> Array:
-    """Return the area under the ROC curve for every pair of the grid, shape (C, gammas), in one
-    fold.
+def some_positions(groups: Array, *, rows: int, seed: int) -> Array:
+    """Return indices of about `rows` rows, whole positions; all rows if there are fewer.
 
     Args:
-        x: columns, shape (B, K).
-        y: True for a reflector, shape (B,).
-        rows: to fit on, and to judge on.
-        c_grid: candidates for C.
-        gamma_grid: candidates for gamma.
-    """
-    scaler = StandardScaler().fit(x[rows[0]])
-    known, held = (scaler.transform(x[part]) for part in rows)
-    near, far = cdist(known, known, "sqeuclidean"), cdist(held, known, "sqeuclidean")
-    scores = np.empty((len(c_grid), len(gamma_grid)))
-    for column, gamma in enumerate(gamma_grid):
-        kernel, other = np.exp(-gamma * near), np.exp(-gamma * far)
-        for row, c in enumerate(c_grid):
-            with config_context(
-                assume_finite=True, skip_parameter_validation=True
-            ):  # checks as long as the fit
-                svm = SVC(kernel="precomputed", C=c, cache_size=200).fit(kernel, y[rows[0]])
-                scores[row, column] = roc_auc_score(
-                    y[rows[1]], other[:, svm.support_] @ svm.dual_coef_[0]
-                )
-    return scores
-
-
-def some_positions(groups: Array, rows: int, seed: int) -> Array:
-    """Return indices of about `rows` rows that keep whole positions together, all rows if there are
-    fewer.
+        groups: position of each row, shape (B,).
+        rows: number wanted.
+        seed: seed of the order in which positions are taken, which is the same for any number.
     """
     if len(groups) <= rows:
         return np.arange(len(groups))
@@ -189,37 +189,36 @@ def some_positions(groups: Array, rows: int, seed: int) -> Array:
 
 
 class KernelSum(torch.nn.Module):
-    """A fitted RBF-SVM in float64 (in float32 the kernel's large sums would lose the last digits).
+    """A fitted RBF-SVM in float64: in float32 its large sums would lose the last digits."""
 
-    Standardised inputs are clamped to +-1e5: no training row is further out, so such a row is at
-    distance
-    infinity either way, and |z|^2 - 2 z.z_i + |z_i|^2 stays finite.
-    """
+    mean: torch.Tensor
+    scale: torch.Tensor
+    support: torch.Tensor
+    square: torch.Tensor
+    weight: torch.Tensor
+    offset: torch.Tensor
 
     def __init__(self, scaler: StandardScaler, svm: SVC) -> None:
         super().__init__()
         self.gamma = float(svm.gamma)
         support: Any = svm.support_vectors_
-        values = {
-            "mean": scaler.mean_,
-            "scale": scaler.scale_,
-            "support": support.T,
-            "square": (support**2).sum(axis=1),
-            "weight": svm.dual_coef_[0],
-            "offset": svm.intercept_,
-        }
-        for name, value in values.items():
-            self.register_buffer(
-                name, torch.tensor(np.ascontiguousarray(value), dtype=torch.float64)
-            )
+        register_constants(
+            self,
+            mean=scaler.mean_,
+            scale=scaler.scale_,
+            support=support.T,
+            square=(support**2).sum(axis=1),
+            weight=svm.dual_coef_[0],
+            offset=svm.intercept_,
+        )
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Map (B, K) to (B,)."""
-        z = ((x.double() - self.get_buffer("mean")) / self.get_buffer("scale")).clamp(-1e5, 1e5)
-        distance = (
-            (z * z).sum(dim=1, keepdim=True)
-            - 2.0 * (z @ self.get_buffer("support"))
-            + self.get_buffer("square")
-        )
+        # No training row is beyond 1e5 deviations, so a row out there is at distance infinity
+        # either way; clamped, |z|^2 - 2 z.z_i + |z_i|^2 stays finite.
+        z = ((x.double() - self.mean) / self.scale).clamp(-1e5, 1e5)
+        distance = (z * z).sum(dim=1, keepdim=True) - 2.0 * (z @ self.support) + self.square
+
+        # Rounding leaves squares of distances slightly below zero.
         kernel = torch.exp(-self.gamma * distance.clamp(min=0.0))
-        return kernel @ self.get_buffer("weight") + self.get_buffer("offset")
+        return kernel @ self.weight + self.offset

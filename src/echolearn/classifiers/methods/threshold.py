@@ -1,6 +1,6 @@
-"""A bare threshold on one column, the yardstick of every learned classifier.
+"""A bare threshold on one column, the baseline of every learned classifier.
 
-    d = s (x - mean) / deviation,     s = +1 or -1 so that reflectors lie on the upper side of the training set
+    d = s (x - mean) / deviation,     s = +1 or -1 so that reflectors have the larger d in training
 
 The only things learned are the scale and the sign; the cut itself is chosen like everyone's, on
 validation data.
@@ -15,7 +15,8 @@ from scipy.stats import rankdata
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check
-from echolearn.classifiers.inputs import FEATURES, Inputs, as_input, check_inputs, check_labels
+from echolearn.classifiers.constants import register_constants
+from echolearn.classifiers.inputs import Inputs, as_input, check_inputs, check_labels
 
 
 @dataclass
@@ -23,7 +24,7 @@ class Threshold:
     """A monotone function of one column.
 
     Attributes:
-        inputs: the column's name, alone in a list.
+        inputs: name of the column, alone in a list.
     """
 
     inputs: tuple[str, ...]
@@ -32,12 +33,9 @@ class Threshold:
 
     def __post_init__(self) -> None:
         self.inputs = check_inputs(self.inputs)
-        check(len(self.inputs) == 1, "classifier.inputs", list(self.inputs), allowed="one column")
-
-    @property
-    def view(self) -> str:
-        """Return "features"."""
-        return FEATURES
+        shown = list(self.inputs)
+        allowed = "a threshold looks at one column"
+        check(len(self.inputs) == 1, "classifier.inputs", shown, allowed=allowed)
 
     def fit(
         self,
@@ -49,9 +47,15 @@ class Threshold:
         folder: Path,
         seed: int,
     ) -> Self:
-        """Learn scale and sign; see `Classifier.fit`."""
+        """Learn scale and sign.
+
+        Args:
+            x, y, groups, validation, folder, seed: as `Classifier.fit` has them.
+        """
         column = as_input(x, self.inputs)[:, 0].astype(float)
         y = check_labels(y, len(column))
+
+        # Ranks, not values: a few huge outliers would decide the sign of a difference of means.
         ranks = rankdata(column)
         sign = 1.0 if ranks[y].mean() >= ranks[~y].mean() else -1.0
         self.mean = float(column.mean())
@@ -71,11 +75,13 @@ class Threshold:
 class Line(torch.nn.Module):
     """(x - mean) slope of the only column, in float64."""
 
+    mean: torch.Tensor
+    slope: torch.Tensor
+
     def __init__(self, mean: float, slope: float) -> None:
         super().__init__()
-        self.register_buffer("mean", torch.tensor(mean, dtype=torch.float64))
-        self.register_buffer("slope", torch.tensor(slope, dtype=torch.float64))
+        register_constants(self, mean=mean, slope=slope)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Map (B, 1) to (B,)."""
-        return (x[:, 0].double() - self.get_buffer("mean")) * self.get_buffer("slope")
+        return (x[:, 0].double() - self.mean) * self.slope
