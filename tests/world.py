@@ -34,7 +34,7 @@ from echolearn.storage.identity import by_short_names, plain
 from echolearn.storage.once import locked
 from echolearn.training.export import export
 from echolearn.training.runs import load_runs
-from echolearn.training.split import Task
+from echolearn.training.split import LearningProblem
 from echolearn.training.train import train as train_run
 
 HALL = Room((6.0, 5.0, 4.0), 0.25)
@@ -129,9 +129,8 @@ def write_set(plan: Plan, runs: Path) -> Dataset:
 def train(dataset: Dataset, name: str, *, seed: int, runs: Path, **changes: Any) -> None:
     """Train one of the classifiers."""
     keys = CLASSIFIERS[name] | changes
-    task = Task(dataset, seed=seed)
     train_run(
-        task,
+        LearningProblem(dataset, seed=seed),
         name=name,
         classifier=lambda: config.build(keys),
         config=by_short_names(keys),

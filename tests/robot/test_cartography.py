@@ -29,6 +29,7 @@ from echolearn.simulation.walk import trajectory
 from echolearn.survey import audio, reader
 from echolearn.survey.description import description_bytes
 from echolearn.survey.poses import poses_csv, read_poses
+from echolearn.training.predictions import predict
 from echolearn.training.runs import load_runs
 from world import HALL, POSES, World, coming_second, plans
 
@@ -65,7 +66,7 @@ def test_the_map_is_what_the_laboratory_hears(
     gated = world.arguments["localizers"]["gated"]
     heard = localize_survey(walk, gated, name="gated", resamples=9)
     [run] = [run for run in load_runs(world.runs) if run.classifier == "trees_features"]
-    confidence = run.confidence(heard.columns)
+    confidence = predict(run, heard.columns)
     found = rows(folder)
     points = np.array([[float(row["x_m"]), float(row["y_m"])] for row in found])
     assert len(found) == POSES and np.abs(points - heard.points).max() <= 1e-5

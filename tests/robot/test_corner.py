@@ -24,6 +24,7 @@ from echolearn.runtime.engines.processes import Processes
 from echolearn.runtime.engines.serial import Serial
 from echolearn.simulation.scene import Scene
 from echolearn.survey import reader
+from echolearn.training.predictions import predict
 from echolearn.training.runs import Run, load_runs
 from world import HALL, POSES, World, pack, plans, train, write_set
 
@@ -136,7 +137,7 @@ def test_the_robot_hears_what_the_laboratory_hears(
     found = scorer.score(walk.observe(range(POSES)), walk.poses)
     assert found.map.points.shape == (2 * POSES, 2) and found.echoes.toa.shape == (POSES, 2)
     assert np.abs(found.map.points - heard.points).max() <= 1e-5
-    assert np.abs(found.map.confidence - run.confidence(heard.columns)).max() <= 1e-5
+    assert np.abs(found.map.confidence - predict(run, heard.columns)).max() <= 1e-5
     assert np.array_equal(heard.labelled.groups, np.repeat(np.arange(POSES), 2))
     single = localize_survey(folder, Gated(WINDOW, 36), name="one", resamples=9)
     assert heard.labelled.reference.sum() > 1.1 * single.labelled.reference.sum(), (

@@ -18,6 +18,7 @@ from echolearn.comparison.localized import localize_survey
 from echolearn.evaluation.rows import LocalizedSurvey
 from echolearn.robot.scorer import BLOCK, Scorer, load
 from echolearn.survey import reader
+from echolearn.training.predictions import load_scorer, predict, stack_inputs
 from echolearn.training.runs import Run, load_runs
 from world import POSES, World, pack
 
@@ -58,12 +59,12 @@ def alone(observation: Observation, pose: int) -> Observation:
 
 
 def test_confidences_are_the_runs(scorer: Scorer, run: Run, world: World) -> None:
-    x = run.inputs_of({name: world.sets["offgrid_hall"][name] for name in run.inputs})
+    x = stack_inputs(run.inputs, {name: world.sets["offgrid_hall"][name] for name in run.inputs})
     many = (
         np.tile(x, (100, 1)) * np.geomspace(0.01, 100, 100).repeat(len(x))[:, None]
     )  # more than are scored at once
     assert len(many) > BLOCK
-    assert np.abs(scorer(many) - run.answer(many)).max() <= 1e-5
+    assert np.abs(scorer(many) - load_scorer(run.folder)(many)).max() <= 1e-5
     assert scorer(many[:0]).shape == (0,)
 
 
@@ -72,8 +73,8 @@ def test_points_and_confidences_are_the_laboratorys(
 ) -> None:
     found = scorer.score(observation, walk.poses)
     assert np.abs(found.map.points - heard.points).max() <= 1e-5
-    assert np.abs(found.map.confidence - run.confidence(heard.columns)).max() <= 1e-5
-    assert np.array_equal(found.map.kept, run.confidence(heard.columns) >= run.threshold)
+    assert np.abs(found.map.confidence - predict(run, heard.columns)).max() <= 1e-5
+    assert np.array_equal(found.map.kept, predict(run, heard.columns) >= run.threshold)
     assert 0 < found.map.kept.sum() < POSES
     assert np.allclose(found.echoes.toa[:, 0], heard.columns["toa"], atol=1e-12)
 
@@ -265,7 +266,7 @@ print(found.map.points[0, 0], found.map.confidence[0])
     )
 
 
-@pytest.mark.parametrize("module", ["echolearn.robot.scorer", "echolearn.classifiers.onnx_export"])
+@pytest.mark.parametrize("module", ["echolearn.robot.scorer", "echolearn.classifiers.inference"])
 def test_what_imports_onnxruntime_keeps_it_out_of_the_home_folder(
     module: str, tmp_path: Path
 ) -> None:

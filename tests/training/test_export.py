@@ -17,6 +17,7 @@ from echolearn.checks import BadValue
 from echolearn.cli.main import main
 from echolearn.robot import bundle, schema
 from echolearn.storage import manifests
+from echolearn.training.predictions import load_scorer
 from echolearn.training.runs import Run
 from world import World, coming_second, pack, plans
 
@@ -74,7 +75,7 @@ def test_golden_inputs_span_the_confidences_and_end_with_extremes(
 ) -> None:
     x, confidence = bundle.read_bundle(packed).golden
     assert x.shape == (32, 4) and np.array_equal(
-        confidence, run_of(world, "trees_features").answer(x)
+        confidence, load_scorer(run_of(world, "trees_features").folder)(x)
     )
     assert (np.diff(confidence[:29]) >= 0).all() and confidence[28] - confidence[0] > 0.2
     assert (

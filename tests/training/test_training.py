@@ -29,7 +29,8 @@ from echolearn.evaluation import metrics
 from echolearn.storage import files, manifests
 from echolearn.storage.identity import digest
 from echolearn.training import train as training
-from echolearn.training.split import Task
+from echolearn.training.predictions import load_scorer
+from echolearn.training.split import LearningProblem
 
 THRESHOLD = {"_target_": "echolearn.classifiers.methods.threshold.Threshold", "inputs": ["score"]}
 SVM = {
@@ -94,7 +95,7 @@ def toy(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return make_set(tmp_path_factory.mktemp("toy"), positions=150, each=2)
 
 
-def train(task: Task, keys: dict[str, Any], runs: Path, **more: Any) -> dict[str, Any]:
+def train(task: LearningProblem, keys: dict[str, Any], runs: Path, **more: Any) -> dict[str, Any]:
     return training.train(
         task,
         **{
@@ -113,21 +114,21 @@ def never() -> Any:
 
 class TestDivision:
     def test_the_papers_numbers(self, tmp_path: Path) -> None:
-        task = Task(make_set(tmp_path, positions=1989))
+        task = LearningProblem(make_set(tmp_path, positions=1989))
         assert [len(rows) for rows in task.parts()] == [1273, 318, 398]
 
     @pytest.mark.parametrize(("split", "shared"), [("position", False), ("row", True)])
     def test_only_the_leaky_split_parts_positions(
         self, tmp_path: Path, split: str, shared: bool
     ) -> None:
-        task = Task(make_set(tmp_path, positions=221, each=9), split=split)
+        task = LearningProblem(make_set(tmp_path, positions=221, each=9), split=split)
         parts, group = task.parts(), task.dataset["group"]
         assert np.array_equal(np.sort(np.concatenate(parts)), np.arange(1989))
         assert bool(set(group[parts.train]) & set(group[parts.test])) is shared
         assert bool(set(group[parts.train]) & set(group[parts.validation])) is shared
 
     def test_folds_cover_all_but_the_test_part_once(self, toy: Dataset) -> None:
-        task = Task(toy, seed=4)
+        task = LearningProblem(toy, seed=4)
         folds, group, (train_rows, validation, test) = (
             list(task.folds(5)),
             toy["group"],
@@ -141,16 +142,16 @@ class TestDivision:
             assert not sides[0] & sides[1] and not sides[1] & sides[2] and not sides[0] & sides[2]
 
     def test_seeds_divide_differently_and_repeatably(self, toy: Dataset) -> None:
-        tests = [Task(toy, seed=seed).parts().test for seed in (0, 0, 1)]
+        tests = [LearningProblem(toy, seed=seed).parts().test for seed in (0, 0, 1)]
         assert np.array_equal(tests[0], tests[1]) and not np.array_equal(tests[0], tests[2])
 
 
 COMMAND = "echolearn train seed=2 'classifier.inputs=[score]'"
-Done = tuple[Task, dict[str, Any], Path, dict[str, Any]]
+Done = tuple[LearningProblem, dict[str, Any], Path, dict[str, Any]]
 
 
 def finish(toy: Dataset, keys: dict[str, Any], runs: Path) -> Done:
-    task = Task(toy, seed=2)
+    task = LearningProblem(toy, seed=2)
     return task, keys, runs, train(task, keys, runs, command=COMMAND)
 
 
@@ -181,7 +182,7 @@ class TestRun:
     def test_file_scores_the_test_rows_as_reported(self, done: Done) -> None:
         task, _, runs, result = done
         test = task.parts().test
-        confidence = training.load_scorer(runs / "train" / result["run"])(
+        confidence = load_scorer(runs / "train" / result["run"])(
             task.inputs(result["inputs"])[test]
         )
         values = metrics.evaluate_labels(
@@ -208,9 +209,9 @@ class TestRun:
                 task, name="some", classifier=never, config=keys | {"inputs": ["power"]}, runs=runs
             )
         for other in (
-            Task(toy, seed=3),
-            Task(toy, seed=2, target="on_map"),
-            Task(toy, seed=2, split="row"),
+            LearningProblem(toy, seed=3),
+            LearningProblem(toy, seed=2, target="on_map"),
+            LearningProblem(toy, seed=2, split="row"),
         ):
             with pytest.raises(AssertionError, match="redone"):
                 training.train(other, name="some", classifier=never, config=keys, runs=runs)
@@ -264,8 +265,8 @@ class TestTrust:
             with pytest.raises(BadValue, match=rf"{name}: .*; {advice}$"):
                 manifests.verify(run)
             with pytest.raises(BadValue, match=f"{name}: "):
-                training.load_scorer(run)
-        train(Task(toy, seed=2), THRESHOLD, tmp_path, command=COMMAND)
+                load_scorer(run)
+        train(LearningProblem(toy, seed=2), THRESHOLD, tmp_path, command=COMMAND)
         assert {key: (run / key).read_bytes() for key in expected if key != "timing.json"} == {
             key: content for key, content in expected.items() if key != "timing.json"
         }
@@ -276,7 +277,7 @@ class TestTrust:
     def test_another_wording_is_the_same_run(self, toy: Dataset, run: Path, tmp_path: Path) -> None:
         before = (run / "metrics.json").read_bytes()
         result = train(
-            Task(toy, seed=2),
+            LearningProblem(toy, seed=2),
             THRESHOLD,
             tmp_path,
             classifier=never,
@@ -288,10 +289,10 @@ class TestTrust:
         self, toy: Dataset, run: Path, tmp_path: Path
     ) -> None:
         identity = files.load_json(run / "config.json")
-        identity["task"]["seed"] = 1
+        identity["problem"]["seed"] = 1
         run.rename(run.parent / f"some-toy-s1-{digest(identity)}")
         with pytest.raises(BadValue, match="another run"):
-            train(Task(toy, seed=1), THRESHOLD, tmp_path)
+            train(LearningProblem(toy, seed=1), THRESHOLD, tmp_path)
 
     @pytest.mark.parametrize("keys", [THRESHOLD, NETWORK], ids=["threshold", "network"])
     def test_a_full_disk_is_one_line(
@@ -305,24 +306,25 @@ class TestTrust:
             with pytest.raises(
                 BadValue, match="cannot be written .*make room and run the same command again"
             ):
-                train(Task(toy), keys, tmp_path)
+                train(LearningProblem(toy), keys, tmp_path)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         assert capfd.readouterr().err == "" and not list(tmp_path.rglob("metrics.json"))
 
     def test_an_unfinished_run_cannot_be_loaded(self, tmp_path: Path) -> None:
         with pytest.raises(BadValue, match="metrics.json"):
-            training.load_scorer(tmp_path)
+            load_scorer(tmp_path)
 
     def test_killed_and_run_again_gives_equal_metrics(self, toy: Dataset, tmp_path: Path) -> None:
-        expected = train(Task(toy), NETWORK, tmp_path / "calm")["run"]
+        expected = train(LearningProblem(toy), NETWORK, tmp_path / "calm")["run"]
         folder = tmp_path / "killed" / "train" / expected
         kill_when(
-            (folder / "best.ckpt").is_file, lambda: train(Task(toy), NETWORK, tmp_path / "killed")
+            (folder / "best.ckpt").is_file,
+            lambda: train(LearningProblem(toy), NETWORK, tmp_path / "killed"),
         )
         assert not (folder / "metrics.json").exists()
         (folder / "events.out.tfevents.torn").write_bytes(b"torn")
-        train(Task(toy), NETWORK, tmp_path / "killed")
+        train(LearningProblem(toy), NETWORK, tmp_path / "killed")
         calm = tmp_path / "calm" / "train" / expected
         for name in ("metrics.json", "config.json", "model.onnx"):
             assert (folder / name).read_bytes() == (calm / name).read_bytes()
@@ -333,14 +335,14 @@ class TestTrust:
     ) -> None:
         """The second waits, says so, and finds what the first has made; nothing but the run is
         left."""
-        expected = train(Task(toy), NETWORK, tmp_path / "calm")
+        expected = train(LearningProblem(toy), NETWORK, tmp_path / "calm")
         folder = tmp_path / "both" / "train" / expected["run"]
         child = os.fork()
         if child == 0:
-            os._exit(train(Task(toy), NETWORK, tmp_path / "both") != expected)
+            os._exit(train(LearningProblem(toy), NETWORK, tmp_path / "both") != expected)
         while not (folder / "config.json").is_file():
             time.sleep(0.001)
-        assert train(Task(toy), NETWORK, tmp_path / "both") == expected
+        assert train(LearningProblem(toy), NETWORK, tmp_path / "both") == expected
         assert os.waitpid(child, 0)[1] == 0
         assert manifests.verify(folder) == expected
         assert [path.name for path in folder.parent.glob("[!.]*")] == [folder.name]
@@ -357,7 +359,7 @@ class TestStreaming:
     def test_the_run_is_the_same_to_the_last_byte(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        task = Task(make_set(tmp_path / "set", positions=150, each=2, shards=7))
+        task = LearningProblem(make_set(tmp_path / "set", positions=150, each=2, shards=7))
         whole = tmp_path / "whole" / "train" / train(task, NETWORK, tmp_path / "whole")["run"]
         monkeypatch.setattr(batches, "IN_MEMORY", 0)
         streamed = (
@@ -416,7 +418,7 @@ def kill_when(ready: Callable[[], bool], work: Callable[[], object]) -> None:
 
 
 def test_cross_validation_and_grid_search_are_recorded(toy: Dataset, tmp_path: Path) -> None:
-    result = train(Task(toy), SVM, tmp_path, folds=3)
+    result = train(LearningProblem(toy), SVM, tmp_path, folds=3)
     assert result["cross_validation"]["auc"]["mean"] == pytest.approx(0.92, abs=0.06)
     assert 0 < result["cross_validation"]["auc"]["sd"] < 0.1
     assert result["grid_search"]["gamma"] in SVM["gamma_grid"]
@@ -428,21 +430,25 @@ def test_cross_validation_and_grid_search_are_recorded(toy: Dataset, tmp_path: P
 
 
 BAD: dict[str, Callable[[Dataset, Path], object]] = {
-    "column=no_such": lambda toy, runs: train(Task(toy), THRESHOLD | {"inputs": ["no_such"]}, runs),
+    "column=no_such": lambda toy, runs: train(
+        LearningProblem(toy), THRESHOLD | {"inputs": ["no_such"]}, runs
+    ),
     "known to simulations only": lambda toy, runs: train(
-        Task(toy), THRESHOLD | {"inputs": ["snr_db"]}, runs
+        LearningProblem(toy), THRESHOLD | {"inputs": ["snr_db"]}, runs
     ),
     "column=covariance_steered": lambda toy, runs: train(
-        Task(toy), NETWORK | {"inputs": ["covariance_steered"]}, runs
+        LearningProblem(toy), NETWORK | {"inputs": ["covariance_steered"]}, runs
     ),
-    "classifier.lr=abc": lambda toy, runs: train(Task(toy), NETWORK | {"lr": "abc"}, runs),
-    "target=wall": lambda toy, runs: Task(toy, target="wall"),
-    "split=time": lambda toy, runs: Task(toy, split="time"),
-    "test_share=1": lambda toy, runs: Task(toy, test_share=1.0),
-    "seed=-1": lambda toy, runs: Task(toy, seed=-1),
-    "folds=1": lambda toy, runs: train(Task(toy), THRESHOLD, runs, folds=1),
+    "classifier.lr=abc": lambda toy, runs: train(
+        LearningProblem(toy), NETWORK | {"lr": "abc"}, runs
+    ),
+    "target=wall": lambda toy, runs: LearningProblem(toy, target="wall"),
+    "split=time": lambda toy, runs: LearningProblem(toy, split="time"),
+    "test_share=1": lambda toy, runs: LearningProblem(toy, test_share=1.0),
+    "seed=-1": lambda toy, runs: LearningProblem(toy, seed=-1),
+    "folds=1": lambda toy, runs: train(LearningProblem(toy), THRESHOLD, runs, folds=1),
     "use a larger set": lambda toy, runs: train(
-        Task(toy, split="row", test_share=0.01, seed=0), THRESHOLD, runs
+        LearningProblem(toy, split="row", test_share=0.01, seed=0), THRESHOLD, runs
     ),
 }
 
@@ -461,9 +467,10 @@ def test_finding_finished_runs_loads_no_learning_library(toy: Dataset, threshold
 import sys
 from pathlib import Path
 from echolearn.dataset.labelled_set import Dataset
-from echolearn.training.split import Task
+from echolearn.training.predictions import load_scorer
+from echolearn.training.split import LearningProblem
 from echolearn.training.train import train
-task = Task(Dataset(Path({str(toy.folder)!r})), seed=2)
+task = LearningProblem(Dataset(Path({str(toy.folder)!r})), seed=2)
 result = train(task, name="some", classifier=None, config={keys!r}, runs=Path({str(runs)!r}))
 print(result["run"], *sorted({{"torch", "sklearn", "lightning", "onnxruntime"}} & set(sys.modules)))
 """
@@ -474,7 +481,7 @@ print(result["run"], *sorted({{"torch", "sklearn", "lightning", "onnxruntime"}} 
 
 
 def test_inputs_are_float32_of_the_columns(toy: Dataset) -> None:
-    task = Task(toy)
+    task = LearningProblem(toy)
     expected: Array = np.stack([toy["score"], toy["power"]], axis=1).astype(np.float32)
     np.testing.assert_array_equal(task.inputs(["score", "power"]), expected)
     assert task.inputs(["covariance_gated"]).shape == (300, 4, 9)

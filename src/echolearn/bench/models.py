@@ -20,8 +20,8 @@ from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant, race
 from echolearn.storage import files, manifests
 from echolearn.storage.identity import digest
+from echolearn.training.predictions import load_scorer
 from echolearn.training.runs import Run, finished_runs
-from echolearn.training.train import load_scorer
 
 ROWS = 256
 EVALUATOR = "NumPy"

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from echolearn.acoustics.types import Array
-from echolearn.classifiers.inputs import Rows, blocks
+from echolearn.classifiers.inputs import Rows, blocks_of
 from echolearn.classifiers.standardise import Standardise
 
 BLOCK = 2048
@@ -73,6 +73,6 @@ def source_of(rows: Rows, standardise: Standardise) -> Source:
     if 4 * math.prod(rows.shape) > IN_MEMORY:
         return lambda indices: standardise(torch.from_numpy(rows[indices.numpy()]))
     whole = torch.empty(rows.shape)
-    for start, block in enumerate(blocks(rows, rows.inputs, size=BLOCK)):
+    for start, block in enumerate(blocks_of(rows, rows.inputs, size=BLOCK)):
         whole[start * BLOCK : (start + 1) * BLOCK] = standardise(torch.from_numpy(block))
     return whole.__getitem__

@@ -118,7 +118,7 @@ def rows_of(x: Inputs, inputs: Sequence[str]) -> Rows:
     return Rows(whole.__getitem__, np.arange(len(whole)), inputs)
 
 
-def blocks(x: Inputs, inputs: Sequence[str], *, size: int = 2048) -> Iterator[Array]:
+def blocks_of(x: Inputs, inputs: Sequence[str], *, size: int = 2048) -> Iterator[Array]:
     """Yield `x` as arrays of at most `size` rows, and one without rows if there are none.
 
     Args:

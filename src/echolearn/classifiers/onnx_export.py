@@ -11,25 +11,21 @@ The file is proved before anybody trusts it: on `TRIALS` inputs or more, ordinar
 onnxruntime must compute the confidences of the trained object.
 """
 
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from io import BytesIO
 from itertools import chain
 from typing import NamedTuple
 
-# Telemetry of onnxruntime would keep files in the home folder; it asks when it is imported.
-os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-
 import numpy as np
 import onnx
-import onnxruntime
 import torch
 
 from echolearn.acoustics.types import PARITY, Array
 from echolearn.classifiers.calibration import Calibrated
 from echolearn.classifiers.constants import register_constants
-from echolearn.classifiers.inputs import Inputs, blocks
-from echolearn.classifiers.quiet import quiet
+from echolearn.classifiers.inference import BLOCK, open_onnx
+from echolearn.classifiers.inputs import Inputs, blocks_of
+from echolearn.classifiers.remarks import without_remarks
 
 OPSET = 13
 """ONNX operator set; the lowest in which sums take their axes as torch gives them."""
@@ -39,9 +35,6 @@ TRIALS = 10_000
 
 STRANGE = 4_000
 """Of these, at least so many that no recording would give."""
-
-BLOCK = 1024
-"""Rows scored at once."""
 
 LIMITS = np.finfo(np.float32)
 ODD = np.array(
@@ -88,7 +81,7 @@ def export_proved(fitted: Calibrated, x: Inputs) -> ProvedModel:
     """
     data = to_onnx(Confidence(fitted), shape=x.shape[1:])
     score = open_onnx(data)
-    ordinary = blocks(x, fitted.classifier.inputs, size=BLOCK)
+    ordinary = blocks_of(x, fitted.classifier.inputs, size=BLOCK)
     parity = 0.0
     trials = 0
     for block in chain(ordinary, strange(x, max(STRANGE, TRIALS - len(x)))):
@@ -140,7 +133,7 @@ def mixtures(x: Inputs, count: int, *, rng: np.random.Generator) -> Array:
 def to_onnx(module: torch.nn.Module, *, shape: tuple[int, ...]) -> bytes:
     """Return the ONNX file of a module: "x", float32 (B, *shape), to "confidence", (B,)."""
     buffer = BytesIO()
-    with quiet():
+    with without_remarks():
         torch.onnx.export(
             module.eval(),
             (torch.zeros((3, *shape)),),
@@ -157,21 +150,3 @@ def to_onnx(module: torch.nn.Module, *, shape: tuple[int, ...]) -> bytes:
     model.producer_name = "echolearn"
     model.producer_version = ""
     return bytes(model.SerializeToString(deterministic=True))
-
-
-def open_onnx(data: bytes) -> Callable[[Array], Array]:
-    """Return the function that an ONNX file computes, float32 (B, ...) to (B,), on one thread."""
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 3
-    session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-
-    def confidence(x: Array) -> Array:
-        x = np.ascontiguousarray(x, dtype=np.float32)
-        found = [np.empty(0)]
-        for start in range(0, len(x), BLOCK):
-            found += session.run(None, {"x": x[start : start + BLOCK]})
-        return np.concatenate(found)
-
-    return confidence

@@ -33,13 +33,13 @@ def _train(config: "Config") -> Path:
     """Train a classifier on the set of a plan, calibrate, export and evaluate it."""
     from echolearn.cli.config import build
     from echolearn.storage.identity import by_short_names
-    from echolearn.training.split import Task
+    from echolearn.training.split import LearningProblem
     from echolearn.training.train import train
 
     classifier = config["classifier"]
     division = _built(config, "target seed split test_share validation_share")
     result = train(
-        Task(_open_set(config), **division),
+        LearningProblem(_open_set(config), **division),
         # Built only if it has to be trained, since its library takes seconds to load.
         classifier=partial(build, classifier, "classifier"),
         config=by_short_names(classifier),

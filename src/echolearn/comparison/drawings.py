@@ -16,7 +16,7 @@ from echolearn.comparison.tables import (
     unfiltered,
 )
 from echolearn.evaluation.rows import Row
-from echolearn.training.runs import label_rows, predict_echoes, predict_rows
+from echolearn.training.predictions import label_rows, predict_echoes, predict_rows
 
 Panels = dict[str, dict[str, list[Row]]]
 """Rows of a line over SNR, by title of the panel and label of the line."""

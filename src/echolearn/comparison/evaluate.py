@@ -13,7 +13,8 @@ from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Model, Pred
 from echolearn.localization.localizer import Localizer
 from echolearn.runtime.processes import processes
 from echolearn.runtime.progress import track
-from echolearn.training.runs import Run, label_rows, predict_echoes, predict_rows
+from echolearn.training.predictions import label_rows, predict_echoes, predict_rows
+from echolearn.training.runs import Run
 
 BASELINE = "threshold_peak"
 """The bare threshold that every other model is tested against."""

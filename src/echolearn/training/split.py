@@ -1,8 +1,9 @@
 """What is to be learned from which rows of a labelled set.
 
-    positions --> 80 % | 20 % test;   the 80 % --> 80 % training | 20 % validation   (1 989 rows: 1 273 | 318 | 398)
+    positions --> 80 % | 20 % test;   the 80 % --> 80 % training | 20 % validation
 
-Rows of one position never part. `split="row"` lets them, and shows what that leak is worth.
+The paper's 1 989 rows become 1 273 for training, 318 for validation, 398 for testing. Rows of one
+position never part. `split="row"` lets them, and shows what that leak is worth.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,16 +28,16 @@ class Parts(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Task:
-    """A set, a label, and a division of the rows that depends on nothing else than these fields.
+class LearningProblem:
+    """A labelled set, the label to learn, and a division of the rows that these fields determine.
 
     Attributes:
         dataset: labelled observations.
         target: label to learn, "reflector" (the paper's) or "on_map".
-        seed: of the division.
-        split: "position", or the leaky "row".
-        test_share: of all positions.
-        validation_share: of the positions that are not for testing.
+        seed: seed of the division.
+        split: unit that is never divided, "position", or the leaky "row".
+        test_share: share of all positions that is for testing.
+        validation_share: share of the other positions that is for validation.
     """
 
     dataset: Dataset
@@ -47,31 +48,35 @@ class Task:
     validation_share: float = 0.2
 
     def __post_init__(self) -> None:
-        check(
-            self.target in ("reflector", "on_map"),
-            "target",
-            self.target,
-            allowed="reflector or on_map",
-        )
+        known = self.target in ("reflector", "on_map")
+        check(known, "target", self.target, allowed="must be reflector or on_map")
         check_whole("seed", self.seed, low=0, high=2**31 - 1)
-        check(self.split in ("position", "row"), "split", self.split, allowed="position or row")
+        known = self.split in ("position", "row")
+        check(known, "split", self.split, allowed="must be position or row")
         check_number("test_share", self.test_share, low=0.01, high=0.9)
         check_number("validation_share", self.validation_share, low=0.01, high=0.9)
 
     def identity(self) -> dict[str, Any]:
-        """Return what tells this task from others, as plain containers."""
-        names = ("target", "seed", "split", "test_share", "validation_share")
-        about = {"plan": self.dataset.name, "data": self.dataset.digest}
-        return about | {name: getattr(self, name) for name in names}
+        """Return what tells this problem from all others, as plain containers."""
+        return {
+            "plan": self.dataset.name,
+            "data": self.dataset.digest,
+            "target": self.target,
+            "seed": self.seed,
+            "split": self.split,
+            "test_share": self.test_share,
+            "validation_share": self.validation_share,
+        }
 
     def inputs(self, names: Sequence[str]) -> Rows:
         """Return what a classifier with these inputs sees, (B, K) or (B, bands, M * M).
 
         Columns are read now, a tensor stays in the set's shards until its rows are asked for.
         """
-        numbers = np.arange(len(self.dataset))
         if view_of(names) == COVARIANCE:
-            self.dataset.gather(names[0], numbers[:0])  # fails now if there is no such tensor
+            numbers = np.arange(len(self.dataset))
+            # Without rows this reads nothing, and fails now if there is no such tensor.
+            self.dataset.gather(names[0], numbers[:0])
             return Rows(partial(self.dataset.gather, names[0]), numbers, names)
         return rows_of(np.stack([self.dataset[name] for name in names], axis=1), names)
 
@@ -81,7 +86,7 @@ class Task:
 
     def groups(self) -> Array:
         """Return the unit that is never divided, of each row, shape (B,)."""
-        return self.dataset["group"] if self.split == "position" else np.arange(len(self.dataset))
+        return groups_of(self.dataset, split=self.split)
 
     def parts(self) -> Parts:
         """Return the rows for training, validation and testing.
@@ -89,7 +94,7 @@ class Task:
         Raises:
             BadValue: a part lacks one of the labels.
         """
-        rest, test = split(self.groups(), share=self.test_share, seed=self.seed)
+        rest, test = split_groups(self.groups(), share=self.test_share, seed=self.seed)
         return self._divide(rest, test)
 
     def folds(self, count: int) -> Iterator[Parts]:
@@ -98,7 +103,8 @@ class Task:
         Raises:
             BadValue: a part lacks one of the labels.
         """
-        groups, parts = self.groups(), self.parts()
+        groups = self.groups()
+        parts = self.parts()
         known = np.sort(np.concatenate([parts.train, parts.validation]))
         shuffled = np.random.default_rng(self.seed).permutation(np.unique(groups[known]))
         for chosen in np.array_split(shuffled, count):
@@ -106,28 +112,31 @@ class Task:
             yield self._divide(known[~held], known[held])
 
     def _divide(self, rest: Array, test: Array) -> Parts:
-        first, second = split(self.groups()[rest], share=self.validation_share, seed=self.seed)
-        parts, y = Parts(rest[first], rest[second], test), self.labels()
+        groups = self.groups()[rest]
+        first, second = split_groups(groups, share=self.validation_share, seed=self.seed)
+        parts = Parts(rest[first], rest[second], test)
+        y = self.labels()
         for part, rows in parts._asdict().items():
             count = int(y[rows].sum())
-            shown = f"{count} of {len(rows)} {self.target}"
-            check(
-                0 < count < len(rows),
-                f"{part} rows",
-                shown,
-                allowed="both classes",
-                hint="use a larger set",
-            )
+            shown = f"{count} of {len(rows)} are {self.target}"
+            allowed = "must hold both classes"
+            enough = 0 < count < len(rows)
+            check(enough, f"{part} rows", shown, allowed=allowed, hint="use a larger set")
         return parts
 
 
-def split(groups: Array, *, share: float, seed: int) -> tuple[Array, Array]:
+def groups_of(dataset: Dataset, *, split: str) -> Array:
+    """Return the unit of each row that a split never divides, shape (B,)."""
+    return dataset["group"] if split == "position" else np.arange(len(dataset))
+
+
+def split_groups(groups: Array, *, share: float, seed: int) -> tuple[Array, Array]:
     """Split rows so that no group falls on both sides.
 
     Args:
         groups: position of each row, shape (B,).
-        share: of the groups that go to the second part, 0 to 1.
-        seed: of the shuffle.
+        share: share of the groups that goes to the second part, 0 to 1.
+        seed: seed of the shuffle.
 
     Returns:
         Row indices of the first and of the second part, ascending.

@@ -1,4 +1,4 @@
-"""TensorBoard, the same for every classifier, so that one dashboard compares an SVM with a network."""
+"""TensorBoard, the same for every classifier: one dashboard compares an SVM with a network."""
 
 import threading
 from collections.abc import Iterator, Mapping
@@ -13,29 +13,36 @@ from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 
 
-def write_board(
+def write_events(
     folder: Path,
     *,
-    parameters: Mapping[str, Any],
-    scalars: Mapping[str, float],
+    identity: Mapping[str, Any],
+    result: Mapping[str, Any],
     reference: Array,
     confidence: Array,
 ) -> None:
-    """Write hyperparameters, final figures and the test part's precision-recall curve into a run
-    folder.
+    """Write hyperparameters, figures, and the precision-recall curve of the test part.
 
     Args:
-        folder: of the run; events already there (a network's losses) stay.
-        parameters: nested plain containers.
-        scalars: by tag, such as "test/auc".
+        folder: folder of the run; events already there (a network's losses) stay.
+        identity: what the run is made from, as in its `config.json`.
+        result: metrics of the run.
         reference: labels of the test part, shape (B,).
-        confidence: of the test part, shape (B,).
+        confidence: confidences of the test part, shape (B,).
     """
+    scalars = {}
+    for tag, part in (("val", "validation"), ("test", "test")):
+        for name, value in result[part].items():
+            # A metric without a value, such as the precision where nothing is kept, has no dot.
+            if value is not None:
+                scalars[f"{tag}/{name}"] = value
+    settings = {"classifier": identity["name"], "argument": identity["classifier"]}
+    parameters = flat(settings | identity["problem"])
     with SummaryWriter(log_dir=str(folder)) as writer:
         for tag, value in scalars.items():
             writer.add_scalar(tag, value)
         writer.add_pr_curve("test/pr", reference, confidence)
-        for summary in hparams(flat(parameters), dict(scalars)):
+        for summary in hparams(parameters, dict(scalars)):
             writer.file_writer.add_summary(summary)
 
 
@@ -46,9 +53,8 @@ def flat(parameters: Mapping[str, Any], before: str = "") -> dict[str, Any]:
         if isinstance(value, Mapping):
             result |= flat(value, f"{before}{key}.")
         else:
-            result[before + str(key)] = (
-                value if isinstance(value, bool | int | float | str) else str(value)
-            )
+            shown = value if isinstance(value, int | float | str) else str(value)
+            result[f"{before}{key}"] = shown
     return result
 
 

@@ -35,13 +35,13 @@ from echolearn.classifiers.inputs import (
     COVARIANCE,
     FEATURES,
     Inputs,
-    blocks,
+    blocks_of,
     check_inputs,
     check_labels,
     rows_of,
     view_of,
 )
-from echolearn.classifiers.quiet import quiet
+from echolearn.classifiers.remarks import without_remarks
 from echolearn.classifiers.standardise import Standardise
 from echolearn.storage.files import write_atomic
 
@@ -120,7 +120,7 @@ class Network:
         unseen = rows_of(validation[0], self.inputs)
         y = check_labels(y, len(rows))
         standardise = Standardise(rows)
-        with seeded(seed), quiet():
+        with seeded(seed), without_remarks():
             training = Training(self.net(rows.shape[1:]), self)
             source = source_of(rows, standardise)
             batches = Batches(source, y, size=self.batch_size, seed=seed)
@@ -163,7 +163,7 @@ class Network:
     def decision(self, x: Inputs) -> Array:
         """Return the logit, shape (B,)."""
         with torch.no_grad():
-            logits = [self.fitted(torch.from_numpy(block)) for block in blocks(x, self.inputs)]
+            logits = [self.fitted(torch.from_numpy(block)) for block in blocks_of(x, self.inputs)]
         return torch.cat(logits).double().numpy()
 
     def scorer(self) -> nn.Module:

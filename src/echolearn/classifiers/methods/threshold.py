@@ -69,10 +69,10 @@ class Threshold:
 
     def scorer(self) -> torch.nn.Module:
         """Return the function as a torch module."""
-        return Line(self.mean, self.slope)
+        return Affine(self.mean, self.slope)
 
 
-class Line(torch.nn.Module):
+class Affine(torch.nn.Module):
     """(x - mean) slope of the only column, in float64."""
 
     mean: torch.Tensor

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def without_remarks() -> Iterator[None]:
     """Show no warnings, and nothing that is logged below an error, within the block."""
     before = logging.root.manager.disable
     logging.disable(logging.WARNING)

@@ -1,0 +1,33 @@
+"""The function that an ONNX file computes, by onnxruntime alone: no torch, no scikit-learn."""
+
+import os
+from collections.abc import Callable
+
+# Telemetry of onnxruntime would keep files in the home folder; it asks when it is imported.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+
+import numpy as np
+import onnxruntime
+
+from echolearn.acoustics.types import Array
+
+BLOCK = 1024
+"""Rows scored at once."""
+
+
+def open_onnx(data: bytes) -> Callable[[Array], Array]:
+    """Return the function that an ONNX file computes, float32 (B, ...) to (B,), on one thread."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+
+    def confidence(x: Array) -> Array:
+        x = np.ascontiguousarray(x, dtype=np.float32)
+        found = [np.empty(0)]
+        for start in range(0, len(x), BLOCK):
+            found += session.run(None, {"x": x[start : start + BLOCK]})
+        return np.concatenate(found)
+
+    return confidence

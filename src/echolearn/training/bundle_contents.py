@@ -1,0 +1,203 @@
+"""What a bundle of a run holds: its model, what the model expects, and how well it did.
+
+The model is the run's `model.onnx`, byte for byte: training has proved there, input by input, that
+the file computes what the trained object computes. The golden inputs are held-out rows from the
+least to the most believed one, and three that no recording gives. A set's manifest holds arrays as
+hashes only, so microphones and probe come from the configuration of the scene, and must be those
+the set was made with.
+"""
+
+import platform
+from collections.abc import Callable, Mapping
+from csv import DictReader
+from importlib.metadata import version
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import echolearn
+from echolearn.acoustics.types import Array, MicArray, Probe
+from echolearn.checks import check
+from echolearn.classifiers.inputs import COVARIANCE, as_input, view_of
+from echolearn.dataset.labelled_set import Dataset
+from echolearn.evaluation import metrics, stats
+from echolearn.localization import features
+from echolearn.robot import bundle, schema
+from echolearn.storage.identity import KIND, plain
+from echolearn.survey import audio
+from echolearn.training.predictions import (
+    held_out_rows,
+    label_rows,
+    load_scorer,
+    predict_rows,
+    stack_inputs,
+)
+from echolearn.training.runs import Run
+
+LIBRARIES = ("numpy", "scipy", "onnxruntime", "torch", "scikit-learn")
+"""Libraries whose versions a bundle tells."""
+
+MAPS = ("precision", "true_retention", "spurious_removal")
+"""Metrics of maps that a bundle tells."""
+
+
+def bundle_description(
+    run: Run, dataset: Dataset, *, array: MicArray, probe: Probe, resamples: int
+) -> dict[str, Any]:
+    """Return the content of `bundle.json` but for names and checksums.
+
+    Args:
+        run: finished run.
+        dataset: set that it was trained on.
+        array: microphones that the set was made with.
+        probe: burst that the set was made with.
+        resamples: bootstrap draws behind intervals.
+    """
+    plan = dataset.manifest["plan"]
+    check_scene(plan["scene"], array=array, probe=probe)
+    shape = [len(run.inputs)]
+    if view_of(run.inputs) == COVARIANCE:
+        shape = [features.COVARIANCE_BANDS, len(array) ** 2]
+    target = run.target
+    rows = run.metrics["rows"]["validation"]
+    model = run.metrics["model"]
+    versions = {library: version(library) for library in LIBRARIES}
+    return {
+        "kind": "bundle",
+        "schema": schema.SCHEMA,
+        "classifier": run.classifier,
+        "run": run.identity,
+        "seed": run.seed,
+        "trained_on": run.model.training,
+        "data": {"plan": dataset.name, "digest": dataset.digest, "rows": len(dataset)},
+        "view": view_of(run.inputs),
+        "columns": [{"name": name, "unit": features.UNITS.get(name, "1")} for name in run.inputs],
+        "bands": features.COVARIANCE_BANDS,
+        "input_shape": [features.COVARIANCE_BANDS, len(array) ** 2]
+        if is_tensor
+        else [len(run.inputs)],
+        "label": {"name": target, "true": schema.LABELS[target]},
+        "threshold": {
+            "value": run.threshold,
+            "chosen": f"largest balanced accuracy on {rows} validation rows; "
+            "kept if confidence >= value",
+        },
+        "calibration": run.metrics["calibration"],
+        "parity": {"difference": model["parity"], "trials": model["trials"]},
+        "sample_rate": float(probe.sample_rate),
+        "speed_of_sound": float(plan["scene"]["speed_of_sound"]),
+        "array": array.positions.tolist(),
+        "probe": {"file": "probe.wav", "burst": len(probe.samples), "length": probe.length},
+        "window": {key: value for key, value in plan["window"].items() if key != KIND},
+        "localizer": localizer_description(plan["localizer"], window=plan["window"]),
+        "golden": schema.GOLDEN,
+        "metrics": {"held_out": held_out_figures(run, dataset, resamples=resamples)},
+        "versions": {"echolearn": echolearn.__version__, "python": platform.python_version()}
+        | versions,
+    }
+
+
+def check_scene(scene: Mapping[str, Any], *, array: MicArray, probe: Probe) -> None:
+    """Raise `BadValue` unless a set was made with this array and this probe.
+
+    Args:
+        scene: scene in the set's manifest, which holds arrays as hashes.
+        array: microphones.
+        probe: burst.
+    """
+    hint = "give the scene.* overrides that the set was generated with"
+    for name, given in (("array", array), ("probe", probe)):
+        allowed = f"must be the {name} of the run's set"
+        same = plain(given) == scene[name]
+        check(same, f"scene.{name}", "another", allowed=allowed, hint=hint)
+
+
+def localizer_description(about: Mapping[str, Any], *, window: Any) -> dict[str, Any]:
+    """Return a set's localizer as a bundle names it: without its window, which stands beside it."""
+    name = str(about[KIND])
+    arguments = {key: value for key, value in about.items() if key not in (KIND, "window")}
+    known = bundle.localizer_names()
+    allowed = f"must be one that travels: {', '.join(known)}"
+    check(name in known, "localizer", name, allowed=allowed)
+    for key, value in arguments.items():
+        schema.check_argument(f"localizer.{key}", value)
+    same = about["window"] == window
+    check(same, "localizer.window", about["window"], allowed="must be the plan's window")
+    return {"name": name, "arguments": arguments}
+
+
+def held_out_figures(run: Run, dataset: Dataset, *, resamples: int) -> dict[str, Any]:
+    """Return every metric of labels on held-out rows, with 95 % intervals over positions.
+
+    Args:
+        run: finished run.
+        dataset: set that it was trained on.
+        resamples: bootstrap draws.
+    """
+    predicted = predict_rows(run, dataset)
+    labelled = label_rows(dataset, resamples=resamples)
+
+    def evaluate(weights: Array | None) -> dict[str, Array]:
+        return metrics.evaluate_labels(
+            labelled.reference[predicted.rows],
+            predicted.confidence,
+            threshold=predicted.threshold,
+            weights=weights,
+        )
+
+    figures = {}
+    for name, found in stats.intervals(evaluate, labelled.weights[:, predicted.rows]).items():
+        figures[name] = dict(zip(schema.FIGURE, map(_finite, found), strict=True))
+    return {"set": dataset.name, "rows": len(predicted.rows), "figures": figures}
+
+
+def map_figures(comparison: Path, run: Run) -> list[dict[str, Any]]:
+    """Return what a comparison says of the maps that a classifier leaves, mean over its seeds."""
+    wanted = {**run.model._asdict(), "seed": "", "kind": "survey"}
+    found = []
+    with (comparison / "results.csv").open(newline="") as file:
+        for row in DictReader(file):
+            if row["metric"] in MAPS and all(row[key] == value for key, value in wanted.items()):
+                where = f"{row['tested_on']}/{row['localizer']}"
+                figures = {key: _finite(row[key]) for key in schema.FIGURE}
+                found.append({"tested_on": where, "metric": row["metric"], **figures})
+    return found
+
+
+def _finite(value: Any) -> float | None:
+    return None if value == "" or not np.isfinite(float(value)) else float(value)
+
+
+def bundle_files(run: Run, dataset: Dataset, *, probe: Probe) -> dict[str, bytes]:
+    """Return the files of a bundle besides `bundle.json`, by name.
+
+    Args:
+        run: finished run.
+        dataset: set that it was trained on.
+        probe: burst, which is padded to its recording's length.
+    """
+    score = load_scorer(run.folder)
+    rows = held_out_rows(run, dataset)
+    columns = {name: dataset[name][rows] for name in run.inputs}
+    x = golden_inputs(as_input(stack_inputs(run.inputs, columns), run.inputs), score=score)
+    buffer = BytesIO()
+    np.savez(buffer, x=x, confidence=np.asarray(score(x), dtype=float))
+    padded = np.pad(probe.samples, (0, probe.length - len(probe.samples)))
+    return {
+        "model.onnx": (run.folder / "model.onnx").read_bytes(),
+        "golden.npz": buffer.getvalue(),
+        "probe.wav": audio.wav_bytes(padded, probe.sample_rate),
+    }
+
+
+def golden_inputs(x: Array, *, score: Callable[[Array], Array]) -> Array:
+    """Return inputs, float32, shape (32, ...), whose confidences a robot must reproduce.
+
+    They are rows of `x` (B, ...) by growing confidence, zeros, and the largest floats.
+    """
+    ranked = np.argsort(score(x), kind="stable")
+    spread = np.linspace(0, len(x) - 1, schema.GOLDEN - 3).round().astype(int)
+    largest = np.full(x[:1].shape, np.finfo(np.float32).max)
+    return np.concatenate([x[ranked[spread]], 0 * largest, largest, -largest]).astype("<f4")
