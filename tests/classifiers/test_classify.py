@@ -485,9 +485,9 @@ BAD = {
     "classifier.leaves=many": lambda: Trees(["a"], leaves="many"),  # type: ignore[arg-type]
     "classifier.inputs=toa": lambda: Threshold("toa"),  # type: ignore[arg-type]
     "one column": lambda: Threshold(["a", "b"]),
-    "features for this classifier": lambda: Svm(["covariance"]),
+    "columns for this classifier": lambda: Svm(["covariance"]),
     "one tensor alone": lambda: Network(["covariance", "toa"], CovarianceNet()),
-    "known to simulations only": lambda: Trees(["score", "snr_db"]),
+    "only a simulation knows snr_db": lambda: Trees(["score", "snr_db"]),
     "each name once": lambda: Trees(["score", "score"]),
 }
 

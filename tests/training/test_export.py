@@ -145,18 +145,18 @@ def test_what_cannot_be_exported_says_why_and_leaves_nothing(
     away = shutil.copytree(folder, tmp_path / "far" / "train" / folder.name)
     longer = replace(scene.probe, length=scene.probe.length + 1)
     cases = {
-        "scene.array=another: the array of the run's set; give the scene": {
+        "scene.array=another: must be the array of the run's set; give the scene": {
             "array": circular_array(radius=0.1)
         },
-        "scene.probe=another: the probe of the run's set": {
+        "scene.probe=another: must be the probe of the run's set": {
             "probe": noise_probe(seed=9, length=6000)
         },
         "scene.probe=another": {"probe": longer},
         "not both": {"best": compared},
-        "run=None: a run's folder, or best=": {"run": None},
-        "run=.*: a folder that echolearn train wrote": {"run": world.sets["grid"].folder},
-        "best=.*: a folder that echolearn compare wrote": {"run": None, "best": folder},
-        "run=.*: a folder that echolearn train wrote; there is no such folder": {
+        "run=None: must be a run's folder, or give best=": {"run": None},
+        "run=.*: must be a folder that echolearn train wrote": {"run": world.sets["grid"].folder},
+        "best=.*: must be a folder that echolearn compare wrote": {"run": None, "best": folder},
+        "run=.*: must be a folder that echolearn train wrote; there is no such folder": {
             "run": tmp_path / "nowhere"
         },
         "make it: echolearn generate plan=scattered": {"run": away},
@@ -226,6 +226,6 @@ def test_the_commands_export_and_verify(
     assert main(["verify", str(folder)]) == 0
     assert main([*words[:2], "name=other"]) == 1
     assert (
-        "scene.probe=another: the probe of the run's set; give the scene.* overrides"
+        "scene.probe=another: must be the probe of the run's set; give the scene.* overrides"
         in capsys.readouterr().err
     )

@@ -75,9 +75,7 @@ def bundle_description(
         "view": view_of(run.inputs),
         "columns": [{"name": name, "unit": features.UNITS.get(name, "1")} for name in run.inputs],
         "bands": features.COVARIANCE_BANDS,
-        "input_shape": [features.COVARIANCE_BANDS, len(array) ** 2]
-        if is_tensor
-        else [len(run.inputs)],
+        "input_shape": shape,
         "label": {"name": target, "true": schema.LABELS[target]},
         "threshold": {
             "value": run.threshold,

@@ -21,6 +21,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -98,19 +99,20 @@ def train(
     problem.inputs(model.inputs)
     problem.parts()
 
-    def make() -> Metrics:
-        given = {"classifier": classifier, "identity": identity, "command": command}
-        return make_run(problem, model, folder=folder, **given)
-
+    finished = partial(finished_metrics, folder, identity)
+    make = partial(
+        make_run,
+        problem,
+        model,
+        classifier=classifier,
+        identity=identity,
+        folder=folder,
+        command=command,
+    )
     from echolearn.training.tensorboard import writable
 
     with writable(folder):
-        return once(
-            folder,
-            finished=lambda: finished_metrics(folder, identity),
-            make=make,
-            doing="trains this run",
-        )
+        return once(folder, finished=finished, make=make, doing="trains this run")
 
 
 def finished_metrics(folder: Path, identity: Mapping[str, Any]) -> Metrics | None:

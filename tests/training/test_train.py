@@ -1,0 +1,419 @@
+"""Training runs: division of rows, run folders, identity, resuming, and the files a run leaves."""
+
+import json
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from echolearn.acoustics.types import Array
+from echolearn.checks import BadValue
+from echolearn.classifiers import batches
+from echolearn.classifiers.architectures import Mlp
+from echolearn.classifiers.inputs import Rows
+from echolearn.classifiers.methods.network import Network
+from echolearn.cli import config
+from echolearn.dataset.labelled_set import FORMAT, Dataset
+from echolearn.evaluation import metrics
+from echolearn.storage import files, manifests
+from echolearn.storage.identity import digest
+from echolearn.training import train as training
+from echolearn.training.predictions import load_scorer
+from echolearn.training.split import LearningProblem
+
+METHODS = "echolearn.classifiers.methods."
+THRESHOLD = {"_target_": f"{METHODS}threshold.Threshold", "inputs": ["score"]}
+SVM = {
+    "_target_": f"{METHODS}svm.Svm",
+    "inputs": ["score", "power"],
+    "c_grid": [1.0],
+    "gamma_grid": [0.1, 1.0],
+}
+NETWORK = {
+    "_target_": f"{METHODS}network.Network",
+    "inputs": ["covariance_gated"],
+    "net": {
+        "_target_": "echolearn.classifiers.architectures.CovarianceNet",
+        "channels": 4,
+        "layers": 1,
+        "kernel": 3,
+    },
+    "epochs": 8,
+    "batch_size": 16,
+    "lr": 0.02,
+}
+
+
+def make_set(folder: Path, *, positions: int, each: int = 1, shards: int = 1) -> Dataset:
+    """Write a finished set whose score tells the label, and open it."""
+    rng = np.random.default_rng(0)
+    rows = positions * each
+    y = rng.random(rows) < 0.5
+    columns = {
+        "group": np.repeat(np.arange(positions), each),
+        "reflector": y,
+        "on_map": y & (rng.random(rows) < 0.8),
+        "score": 0.1 * rng.normal(size=rows) + 0.2 * y,
+        "power": 5 * rng.normal(size=rows) - 40,
+        "snr_db": rng.uniform(-40, 40, rows),
+        "covariance_gated": rng.normal(size=(rows, 4, 9)) + 0.8 * y[:, None, None],
+    }
+    fields = [(name, value.dtype, value.shape[1:]) for name, value in columns.items()]
+    table = np.empty(rows, dtype=fields)
+    for name, value in columns.items():
+        table[name] = value
+    for shard, part in enumerate(np.array_split(table, shards)):
+        manifests.write_shard(folder, shard, part)
+    about = {
+        "kind": "set",
+        "format": FORMAT,
+        "rows": rows,
+        "plan": {"name": "toy"},
+        "command": "echolearn generate plan=toy",
+    }
+    manifests.finish(folder, about, [manifests.shard_name(shard) for shard in range(shards)])
+    return Dataset(folder)
+
+
+def train(problem: LearningProblem, keys: dict[str, Any], runs: Path, **more: Any) -> Any:
+    """Train a classifier under the name "some"."""
+    given = {"classifier": lambda: config.build(keys), "config": keys, "name": "some"}
+    return training.train(problem, runs=runs, **given | more)
+
+
+COMMAND = "echolearn train seed=2 'classifier.inputs=[score]'"
+KEYS = {"threshold": THRESHOLD, "network": NETWORK}
+
+
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return make_set(tmp_path_factory.mktemp("toy"), positions=150, each=2)
+
+
+@pytest.fixture(scope="module", params=KEYS)
+def method(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def done(method: str, toy: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a finished run; not to be changed."""
+    runs = tmp_path_factory.mktemp(method)
+    result = train(LearningProblem(toy, seed=2), KEYS[method], runs, command=COMMAND)
+    return runs / "train" / str(result["run"])
+
+
+def never() -> Any:
+    raise AssertionError("a finished run was redone")
+
+
+def result_files(folder: Path) -> dict[str, bytes]:
+    """Return the files that equal runs have in common."""
+    return {name: (folder / name).read_bytes() for name in ("metrics.json", *FILES)}
+
+
+FILES = ("config.json", "model.onnx")
+
+
+class TestDivision:
+    def test_the_papers_numbers(self, tmp_path: Path) -> None:
+        problem = LearningProblem(make_set(tmp_path, positions=1989))
+        assert [len(rows) for rows in problem.parts()] == [1273, 318, 398]
+
+    @pytest.mark.parametrize(("split", "shared"), [("position", False), ("row", True)])
+    def test_only_the_leaky_split_parts_positions(
+        self, toy: Dataset, split: str, shared: bool
+    ) -> None:
+        parts = LearningProblem(toy, split=split).parts()
+        assert np.array_equal(np.sort(np.concatenate(parts)), np.arange(300))
+        known = {*toy["group"][parts.train]}
+        assert bool(known & {*toy["group"][parts.test]}) is shared
+        assert bool(known & {*toy["group"][parts.validation]}) is shared
+
+    def test_folds_cover_all_but_the_test_part_once(self, toy: Dataset) -> None:
+        problem = LearningProblem(toy, seed=4)
+        parts = problem.parts()
+        folds = list(problem.folds(5))
+        tested = np.sort(np.concatenate([fold.test for fold in folds]))
+        assert np.array_equal(tested, np.sort(np.concatenate([parts.train, parts.validation])))
+        for fold in folds:
+            first, second, third = ({*toy["group"][rows]} for rows in fold)
+            assert not first & second and not second & third and not first & third
+
+    def test_seeds_divide_differently_and_repeatably(self, toy: Dataset) -> None:
+        one, same, other = (LearningProblem(toy, seed=seed).parts().test for seed in (0, 0, 1))
+        assert np.array_equal(one, same) and not np.array_equal(one, other)
+
+    def test_inputs_are_float32_of_the_columns(self, toy: Dataset) -> None:
+        problem = LearningProblem(toy)
+        expected = np.stack([toy["score"], toy["power"]], axis=1).astype(np.float32)
+        np.testing.assert_array_equal(problem.inputs(["score", "power"]), expected)
+        assert problem.inputs(["covariance_gated"]).shape == (300, 4, 9)
+
+
+class TestRun:
+    def test_folder_is_named_after_what_it_is(self, done: Path, method: str) -> None:
+        saved = json.loads((done / "config.json").read_text())
+        assert done.name == f"some-toy-s2-{digest(saved)}" and saved["classifier"] == KEYS[method]
+        assert {*manifests.verify(done)["files"]} == {*FILES}
+
+    def test_file_scores_the_test_rows_as_reported(
+        self, done: Path, method: str, toy: Dataset
+    ) -> None:
+        result = manifests.verify(done)
+        problem = LearningProblem(toy, seed=2)
+        test = problem.parts().test
+        confidence = load_scorer(done)(problem.inputs(result["inputs"])[test])
+        values = metrics.evaluate_labels(
+            problem.labels()[test], confidence, threshold=result["threshold"]
+        )
+        reported = result["test"]
+        assert float(values["auc"]) == pytest.approx(reported["auc"], abs=1e-3)
+        assert reported["auc"] > 0.85
+        expected = pytest.approx(reported["balanced_accuracy"], abs=0.02)
+        assert float(values["balanced_accuracy"]) == expected
+        assert result["rows"]["test"] == 60 and result["model"]["parity"] <= 1e-5
+        assert (result["method"], result["accelerator"]) == (method, "cpu")
+
+    def test_the_end_of_a_run_is_one_line(
+        self, toy: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        run = train(LearningProblem(toy), THRESHOLD, tmp_path)["run"]
+        line = rf"{run}: \d+\.\d s on cpu, test AUC 0\.\d+, balanced accuracy 0\.\d+\n"
+        assert re.fullmatch(line, capfd.readouterr().err)
+
+    def test_finished_runs_are_skipped_and_any_change_is_another_run(
+        self, done: Path, method: str, toy: Dataset
+    ) -> None:
+        """Another wording of the command is no change."""
+        before = (done / "metrics.json").read_bytes()
+        again = partial(train, runs=done.parents[1], classifier=never, command="echolearn train")
+        found = again(LearningProblem(toy, seed=2), KEYS[method])
+        assert found["command"] == COMMAND and (done / "metrics.json").read_bytes() == before
+        changes: list[dict[str, Any]] = [{"seed": 3}, {"target": "on_map"}, {"split": "row"}]
+        for change in changes:
+            with pytest.raises(AssertionError, match="redone"):
+                again(LearningProblem(toy, **{"seed": 2} | change), KEYS[method])
+        with pytest.raises(AssertionError, match="redone"):
+            again(LearningProblem(toy, seed=2), KEYS[method] | {"inputs": ["power"]})
+
+    def test_tensorboard_compares_all(self, done: Path) -> None:
+        events = EventAccumulator(str(done))
+        events.Reload()
+        scalars = events.Tags()["scalars"]
+        assert {"val/auc", "val/f1", "test/auc", "test/balanced_accuracy"} <= {*scalars}
+        assert "hp_metric" not in scalars and "test/pr" in events.Tags()["tensors"]
+        auc = manifests.verify(done)["test"]["auc"]
+        assert events.Scalars("test/auc")[-1].value == pytest.approx(auc, rel=1e-6)
+        start = "_hparams_/session_start_info"
+        assert sum(tag.startswith(start) for tag in events.summary_metadata) == 1
+
+    def test_cross_validation_and_grid_search_are_recorded(
+        self, toy: Dataset, tmp_path: Path
+    ) -> None:
+        result = train(LearningProblem(toy), SVM, tmp_path, folds=3)
+        auc = result["cross_validation"]["auc"]
+        assert auc["mean"] == pytest.approx(0.92, abs=0.06) and 0 < auc["sd"] < 0.1
+        search = result["grid_search"]
+        assert search["gamma"] in SVM["gamma_grid"]
+        assert search["search_rows"] == search["fit_rows"] == result["rows"]["train"]
+
+    def test_finding_a_finished_run_loads_no_learning_library(
+        self, done: Path, method: str, toy: Dataset
+    ) -> None:
+        code = f"""
+import sys
+from pathlib import Path
+from echolearn.dataset.labelled_set import Dataset
+from echolearn.training.runs import load_runs
+from echolearn.training.split import LearningProblem
+from echolearn.training.train import train
+runs = Path({str(done.parents[1])!r})
+problem = LearningProblem(Dataset(Path({str(toy.folder)!r})), seed=2)
+result = train(problem, name="some", classifier=None, config={KEYS[method]!r}, runs=runs)
+load_runs(runs)
+print(result["run"], *{{"torch", "sklearn", "lightning", "onnxruntime"}} & set(sys.modules))
+"""
+        asked = [sys.executable, "-c", code]
+        out = subprocess.run(asked, capture_output=True, text=True, check=True).stdout
+        assert out.split() == [done.name]
+
+
+class TestTrust:
+    @pytest.fixture
+    def run(self, toy: Dataset, tmp_path: Path) -> Path:
+        """Return the folder of a finished run, to be damaged."""
+        problem = LearningProblem(toy, seed=2)
+        return tmp_path / "train" / str(train(problem, THRESHOLD, tmp_path, command=COMMAND)["run"])
+
+    def test_any_flipped_bit_is_refused_and_mended(
+        self, toy: Dataset, run: Path, tmp_path: Path
+    ) -> None:
+        expected = result_files(run)
+        for name, whole in expected.items():
+            mend = files.MEND if name == "metrics.json" else f"run again: {re.escape(COMMAND)}"
+            for place in range(0, len(whole), len(whole) // 40):
+                flipped = bytes([whole[place] ^ 1 << place % 8])
+                (run / name).write_bytes(whole[:place] + flipped + whole[place + 1 :])
+                for read in (manifests.verify, load_scorer):
+                    with pytest.raises(BadValue, match=rf"{name}: .*; {mend}$"):
+                        read(run)
+            train(LearningProblem(toy, seed=2), THRESHOLD, tmp_path, command=COMMAND)
+            assert result_files(run) == expected
+
+    def test_a_renamed_run_is_not_taken_for_another(
+        self, toy: Dataset, run: Path, tmp_path: Path
+    ) -> None:
+        identity = files.load_json(run / "config.json")
+        identity["problem"]["seed"] = 1
+        run.rename(run.parent / f"some-toy-s1-{digest(identity)}")
+        with pytest.raises(BadValue, match="another run"):
+            train(LearningProblem(toy, seed=1), THRESHOLD, tmp_path)
+
+    def test_a_full_disk_is_one_line(
+        self, method: str, toy: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        # Bytes in a file: enough for a model, not for a log.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2500, hard))
+        said = "cannot be written .*make room and run the same command again"
+        try:
+            with pytest.raises(BadValue, match=said):
+                train(LearningProblem(toy), KEYS[method], tmp_path)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert capfd.readouterr().err == "" and not list(tmp_path.rglob("metrics.json"))
+
+    def test_killed_and_run_again_gives_equal_results(self, toy: Dataset, tmp_path: Path) -> None:
+        problem = LearningProblem(toy)
+        calm = tmp_path / "calm" / "train" / train(problem, NETWORK, tmp_path / "calm")["run"]
+        folder = tmp_path / "killed" / "train" / calm.name
+        kill_when(
+            (folder / "best.ckpt").is_file, lambda: train(problem, NETWORK, tmp_path / "killed")
+        )
+        assert not (folder / "metrics.json").exists()
+        with pytest.raises(BadValue, match="not finished"):
+            load_scorer(folder)
+        (folder / "events.out.tfevents.torn").write_bytes(b"torn")
+        train(problem, NETWORK, tmp_path / "killed")
+        assert result_files(folder) == result_files(calm)
+        assert not (folder / "events.out.tfevents.torn").exists()
+
+    def test_two_at_once_give_one_whole_run(
+        self, toy: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        """The second waits, says so, and finds what the first has made; nothing else is left."""
+        problem = LearningProblem(toy)
+        expected = train(problem, NETWORK, tmp_path / "calm")
+        folder = tmp_path / "both" / "train" / expected["run"]
+        child = os.fork()
+        if child == 0:
+            os._exit(train(problem, NETWORK, tmp_path / "both") != expected)
+        while not (folder / "config.json").is_file():
+            time.sleep(0.001)
+        assert train(problem, NETWORK, tmp_path / "both") == expected
+        assert os.waitpid(child, 0)[1] == 0
+        assert manifests.verify(folder) == expected and list(folder.parent.iterdir()) == [folder]
+        count = len(list((tmp_path / "calm").rglob("events.*")))
+        assert len(list(folder.glob("events.*"))) == count
+        waited = f"{folder.name}: waiting for another command that trains this run"
+        assert capfd.readouterr().err.splitlines().count(waited) == 1
+
+
+class TestStreaming:
+    """Sets too large for memory: batches from the shards."""
+
+    def test_the_run_is_the_same_to_the_last_byte(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        problem = LearningProblem(make_set(tmp_path / "set", positions=150, each=2, shards=7))
+        found = []
+        for limit in (batches.IN_MEMORY, 0):
+            monkeypatch.setattr(batches, "IN_MEMORY", limit)
+            runs = tmp_path / str(limit)
+            folder = runs / "train" / train(problem, NETWORK, runs)["run"]
+            found.append((result_files(folder), (folder / "metrics.csv").read_bytes()))
+        assert found[0] == found[1]
+
+    @pytest.mark.parametrize("limit", [0, 2**20])
+    def test_no_more_rows_are_fetched_at_once_than_a_block(
+        self, limit: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        fetched = []
+        table = np.random.default_rng(0).normal(size=(9000, 2)).astype(np.float32)
+
+        def gather(rows: Array) -> Array:
+            fetched.append(len(rows))
+            return table[rows]
+
+        monkeypatch.setattr(batches, "IN_MEMORY", limit)
+        net = Network(["a", "b"], Mlp(widths=[4]), epochs=2, batch_size=1000)
+        rows = Rows(gather, np.arange(9000), ["a", "b"])
+        y = table[:, 0] > 0
+        held = (rows.part(np.arange(100)), y[:100])
+        net.fit(rows, y, groups=y, validation=held, folder=tmp_path, seed=0)
+        net.decision(rows)
+        assert max(fetched) <= 4096
+        assert (fetched.count(1000) == 2 * 9) is (limit == 0)
+
+    def test_what_is_not_finite_is_named_by_its_row_in_the_set(self, toy: Dataset) -> None:
+        def gather(rows: Array) -> Array:
+            return np.where(rows[:, None, None] == 11, np.nan, toy.gather("covariance_gated", rows))
+
+        rows = Rows(gather, np.arange(300), ["covariance_gated"]).part(np.array([2, 11, 40]))
+        assert rows[:1].shape == (1, 4, 9) and rows.shape == (3, 4, 9)
+        with pytest.raises(BadValue, match="covariance_gated=nan in row 11: "):
+            rows[1:]
+
+
+def kill_when(ready: Callable[[], bool], work: Callable[[], object]) -> None:
+    """Do `work` in a forked process and kill it with SIGKILL as soon as `ready`."""
+    child = os.fork()
+    if child == 0:
+        work()
+        os._exit(0)
+    deadline = time.monotonic() + 30
+    while not ready() and time.monotonic() < deadline:
+        time.sleep(0.001)
+    os.kill(child, signal.SIGKILL)
+    assert os.waitpid(child, 0)[1] == signal.SIGKILL
+
+
+BAD: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "column=no_such": ({"inputs": ["no_such"]}, {}),
+    "only a simulation knows snr_db": ({"inputs": ["snr_db"]}, {}),
+    "classifier.inputs=text": ({"inputs": "text"}, {}),
+    "target=wall": ({}, {"target": "wall"}),
+    "split=time": ({}, {"split": "time"}),
+    "test_share=1": ({}, {"test_share": 1.0}),
+    "seed=-1": ({}, {"seed": -1}),
+    "use a larger set": ({}, {"split": "row", "test_share": 0.01}),
+}
+
+
+@pytest.mark.parametrize("part", BAD)
+def test_bad_values_are_named_and_leave_nothing(part: str, toy: Dataset, tmp_path: Path) -> None:
+    keys, fields = BAD[part]
+    with pytest.raises(BadValue) as caught:
+        train(LearningProblem(toy, **fields), THRESHOLD | keys, tmp_path)
+    assert part in str(caught.value) and "\n" not in str(caught.value)
+    assert not list(tmp_path.rglob("*"))
+
+
+@pytest.mark.parametrize(("key", "value"), [("folds", 1), ("name", "../up")])
+def test_bad_arguments_of_train_are_named(
+    key: str, value: object, toy: Dataset, tmp_path: Path
+) -> None:
+    with pytest.raises(BadValue, match=f"^{key}={value}: "):
+        train(LearningProblem(toy), THRESHOLD, tmp_path, **{key: value})
