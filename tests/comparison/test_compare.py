@@ -24,8 +24,9 @@ from echolearn.comparison.tables import pick
 from echolearn.evaluation import metrics
 from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings, Row
 from echolearn.storage import manifests
-from echolearn.training.runs import load_runs, predict_echoes, predict_rows
-from echolearn.training.split import Task
+from echolearn.training.predictions import predict_echoes, predict_rows
+from echolearn.training.runs import load_runs
+from echolearn.training.split import LearningProblem
 from world import TRAINED, WALKS, World
 
 ABOUT = "role,method,split,target,kind,set_role,room,localizer"
@@ -183,7 +184,7 @@ def test_on_other_sets_it_is_evaluated_by_every_row_unless_any_was_trained_on_it
     for run in runs:
         rows = np.arange(len(dataset))
         if dataset.manifest["plan"]["role"] != "test":
-            rows = Task(dataset, seed=run.seed).parts().test
+            rows = LearningProblem(dataset, seed=run.seed).parts().test
         given = predict_rows(run, dataset).confidence[rows]
         expected = float(metrics.auc(dataset["reflector"][rows], given))
         seed = str(run.seed) if len(runs) > 1 else ""

@@ -17,7 +17,7 @@ from echolearn.comparison.choice import Comparison
 from echolearn.comparison.tables import pick, titled, unfiltered
 from echolearn.evaluation.rows import Row
 from echolearn.storage.marked_page import around
-from echolearn.training.runs import predict_echoes
+from echolearn.training.predictions import predict_echoes
 
 NAN = float("nan")
 VOID = {"meta", "img", "br", "link", "hr"}
