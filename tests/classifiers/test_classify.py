@@ -466,6 +466,9 @@ class TestCalibration:
         assert best_threshold(confidence, np.array([0, 0, 0, 1, 1, 1])) == pytest.approx(0.475)
         assert best_threshold(confidence, np.array([0, 1, 0, 0, 1, 1])) == pytest.approx(0.7)
         assert best_threshold(np.full(4, 0.3), np.array([0, 1, 0, 1])) == 0.5
+        # Cuts at 0.2 and 0.75 are equally good; the one nearer to 0.5 is taken.
+        alternating = np.array([0, 1, 0, 1])
+        assert best_threshold(np.array([0.1, 0.3, 0.6, 0.9]), alternating) == pytest.approx(0.75)
 
 
 BAD = {

@@ -1,5 +1,6 @@
 """Files are whole or absent, whatever happens to their writer."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -42,6 +43,20 @@ def test_an_array_of_python_objects_is_neither_written_nor_read(tmp_path: Path) 
     np.save(path, np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(BadValue, match="not a plain array"):
         files.open_array(path, size=path.stat().st_size, sha256=files.sha256(path))
+
+
+def test_a_file_is_on_the_disk_before_it_has_its_name_and_the_name_after(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, sync, named = tmp_path / "a.bin", os.fsync, []
+
+    def watched(handle: int) -> None:
+        named.append(path.exists())
+        sync(handle)
+
+    monkeypatch.setattr(os, "fsync", watched)
+    files.write_atomic(path, b"content")
+    assert named == [False, True]
 
 
 class Broken:

@@ -1,0 +1,17 @@
+"""What is chosen, is chosen on the validation part; the test part is looked at once."""
+
+import pytest
+
+import world as small
+from echolearn.classifiers.calibration import best_threshold
+from echolearn.training.runs import load_runs
+from echolearn.training.split import Task
+
+
+def test_the_threshold_is_the_best_cut_of_the_validation_rows(world: small.World) -> None:
+    for run in load_runs(world.runs):
+        dataset = world.sets[run.plan]
+        rows = Task(dataset, seed=run.seed).parts().validation
+        confidence = run.confidence({name: dataset[name][rows] for name in run.inputs})
+        cut = best_threshold(confidence, dataset["reflector"][rows])
+        assert run.threshold == pytest.approx(cut, abs=1e-4), run.folder.name
