@@ -1,7 +1,7 @@
 """Rooms and waves once more, slow and literal: oracles for the fast code, sharing none of it.
 
-The estimators' equations are in `echolearn.bench.equations`; delays are its phase shifts. c is 343
-m/s throughout.
+Estimators of one echo are in `echolearn.bench.equations`, those of several here; delays are its
+phase shifts. c is 343 m/s throughout.
 """
 
 import math
@@ -11,9 +11,13 @@ import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow, circular_array
 from echolearn.acoustics.types import Array, MicArray, Observation, Probe
-from echolearn.bench.equations import delays, padded, shift
+from echolearn.bench.equations import delays, joint, padded, relative, shift, snls
 
 SPEED = 343.0
+
+Component = tuple[float, float, float]
+"""Lag in samples, azimuth in rad, gain."""
+
 RATE = 22050.0
 RING = circular_array()
 FIRST, LAST = SearchWindow().lags(RING, RATE)
@@ -71,3 +75,99 @@ def echo(
     distance = float(np.linalg.norm(image - microphone))
     late = shift(padded(burst, length), distance / SPEED * rate)
     return strength / (4 * math.pi * distance) * late
+
+
+def relax(
+    recording: Array, burst: Array, *, first: int, last: int, echoes: int, epsilon: float = 1e-4
+) -> list[tuple[float, float]]:
+    """Return lag and gain of several echoes by RELAX: S-NLS on what the others leave.
+
+    An echo is added where the residual of those before it is best explained; then all are estimated
+    again in turn until the residual's energy changes by less than `epsilon` of itself (Li, Stoica
+    1996).
+    """
+    probe = padded(burst, len(recording))
+    found: list[tuple[float, float]] = []
+    for count in range(1, echoes + 1):
+        found.append((float(first), 0.0))
+        before = math.inf
+        for _ in range(50):
+            for r in reversed(range(count)):
+                others = sum(
+                    (gain * shift(probe, lag) for lag, gain in found[:r] + found[r + 1 :]),
+                    np.zeros(1),
+                )
+                found[r] = snls(recording - others, burst, first=first, last=last)
+            modelled = sum((gain * shift(probe, lag) for lag, gain in found), np.zeros(1))
+            rest = float(np.sum((recording - modelled) ** 2))
+            if before - rest < epsilon * before:
+                break
+            before = rest
+    return sorted(found, key=lambda echo: -echo[1])
+
+
+def em(
+    recording: Array,
+    burst: Array,
+    positions: Array,
+    azimuths: Array,
+    *,
+    first: int,
+    last: int,
+    rate: float,
+    starts: list[Component] | None = None,
+    weights: Array | None = None,
+    iterations: int = 30,
+) -> list[Component]:
+    """Return lag, azimuth and gain of each component by EM-MC (Saqib, Gannot, Jensen 2020).
+
+    With beta = 1 / R and h_{r,m} = g_r s(n - tau_r - eta_m(phi_r)),
+    E: x_{r,m} = h_{r,m} + beta (y_m - sum_q h_{q,m});
+    M: (tau, phi)_r = argmax sum_m w_m <x_{r,m}(n + eta_m(phi)), s(n - tau)>,
+    g_r is that sum over ||s||^2 sum_m w_m.
+
+    Args:
+        starts: R components to begin with; one of gain 0 unless given, and then each iteration is
+            the same search.
+        weights: w_m, one over each microphone's noise variance, shape (M,); 1 unless given.
+    """
+    components = list(starts or [(float(first), 0.0, 0.0)])
+    weights = np.ones(len(recording)) if weights is None else weights
+    for _ in range(iterations):
+        heard = [
+            component(burst, positions, c, rate=rate, length=recording.shape[-1])
+            for c in components
+        ]
+        rest = (recording - sum(heard)) / len(components)
+        for r, own in enumerate(heard):
+            surface = joint(
+                own + rest,
+                burst,
+                positions,
+                azimuths,
+                first=first,
+                last=last,
+                rate=rate,
+                weights=weights,
+            )
+            best, lag = np.unravel_index(surface.argmax(), surface.shape)
+            gain = float(surface.max() / (burst @ burst * np.sum(weights)))
+            components[r] = (float(first + lag), float(azimuths[best]), gain)
+    return components
+
+
+def component(
+    burst: Array, positions: Array, echo: Component, *, rate: float, length: int
+) -> Array:
+    """Return what microphones (M, 3) hear of one echo: g s(n - tau - eta_m(phi)), shape (M, N)."""
+    lag, azimuth, gain = echo
+    eta = relative(positions, azimuth, rate=rate)
+    return np.stack([gain * shift(padded(burst, length), lag + late) for late in eta])
+
+
+def is_detected(recording: Array, *, variance: float, log_gamma: float) -> bool:
+    """Tell whether ||y||^2 > 2 sigma^2 ln gamma, for recordings without their direct path."""
+    energy = 0.0
+    for y in np.ravel(recording):
+        energy += float(y) ** 2
+    return energy > 2 * variance * log_gamma

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import reference
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import MicArray, Observation
@@ -70,7 +71,7 @@ def test_em_with_one_component_is_one_search_however_often_it_iterates() -> None
     found = Em(azimuths=24, refine=False)(observed(PROBE, NOISY[1], noise_psd=psd))
     for iterations in (1, 3):
         many = LOOP | {"weights": weights, "iterations": iterations}
-        [expected] = equations.em(NOISY[1], PROBE.samples, RING.positions, GRID, **many)
+        [expected] = reference.em(NOISY[1], PROBE.samples, RING.positions, GRID, **many)
         lag, azimuth, gain = expected
         assert found.toa[0, 0] * RATE == pytest.approx(lag)
         assert found.azimuth[0, 0] == pytest.approx(azimuth)
@@ -138,7 +139,7 @@ def test_relax_is_its_loop(count: int) -> None:
     search = estimates.reference_search(matched, refine=False)
     peaks = np.array(estimates.strongest_peaks(matched, search, echoes=count))
     for row, y in enumerate(BOTH):
-        expected = equations.relax(y[0], PROBE.samples, first=FIRST, last=LAST, echoes=count)
+        expected = reference.relax(y[0], PROBE.samples, first=FIRST, last=LAST, echoes=count)
         found = [(peak[0] + FIRST, peak[3]) for peak in peaks[..., row]]
         assert np.allclose(sorted(found, key=lambda one: -one[1]), expected, rtol=1e-3)
 
@@ -155,7 +156,7 @@ def test_em_is_its_loop_from_the_same_starts() -> None:
     found = relax.expect_maximize(matched.padded, search, starts=begin, iterations=4)
     many = LOOP | {"starts": starts, "iterations": 4}
     for row, y in enumerate(BOTH):
-        expected = equations.em(y, PROBE.samples, RING.positions, GRID, **many)
+        expected = reference.em(y, PROBE.samples, RING.positions, GRID, **many)
         for peak, (lag, azimuth, gain) in zip(found, expected, strict=True):
             assert peak.lag[row] + FIRST == pytest.approx(lag)
             assert peak.azimuth[row] == pytest.approx(azimuth)
@@ -195,7 +196,7 @@ def test_the_detector_is_the_papers_inequality_at_the_wanted_rate() -> None:
     energy = np.sum(touched**2, axis=(1, 2))
     edge = (energy[alarms].min() + energy[~alarms].max()) / 2
     for row in range(5):
-        assert equations.is_detected(touched[row], variance=1.0, log_gamma=edge / 2) == alarms[row]
+        assert reference.is_detected(touched[row], variance=1.0, log_gamma=edge / 2) == alarms[row]
 
 
 def test_mclam_gives_noise_no_gain_and_an_echo_its_own() -> None:

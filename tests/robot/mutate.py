@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bundle_mutants import BUNDLES, Mutate
-from echolearn.bench.onboard import peak_memory
+from echolearn.bench.memory import peak_memory
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
 from echolearn.robot import scorer

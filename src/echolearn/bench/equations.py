@@ -3,10 +3,17 @@
 Plain NumPy, slow and literal, sharing nothing with the fast estimators. Delays are phase shifts
 Z(tau) over all N samples (Eq. 10), with signed frequencies; sums are Python loops; matrices are
 inverted by LAPACK; c is 343 m/s.
-Everything takes one recording: `recording` (N,) of microphone 1 or (M, N) of all, `burst` (L,) as
-    emitted,
-`positions` (M, 3) in m, `azimuths` (A,) in rad, `first` and `last` lag of the search window, `rate`
-in Hz. Lags are delays to microphone 1, in samples.
+
+Everything takes one recording:
+
+| argument            | meaning                                                     |
+|---------------------|-------------------------------------------------------------|
+| recording           | samples of microphone 1, shape (N,), or all, shape (M, N)   |
+| burst               | probe as emitted, without the silence after it, shape (L,)  |
+| positions           | microphones, shape (M, 3), in m                             |
+| azimuths            | grid of directions, shape (A,), in rad                      |
+| first, last         | limits of the search window, lags at microphone 1         |
+| rate                | sample rate, Hz                                             |
 """
 
 import math
@@ -15,12 +22,9 @@ import numpy as np
 
 from echolearn.acoustics.types import SPEED_OF_SOUND, Array
 
-Component = tuple[float, float, float]
-"""Lag in samples, azimuth in rad, gain."""
-
 
 def shift(samples: Array, delay: float) -> Array:
-    """Delay real samples (..., N) circularly by a fractional number of samples: Z(tau) of Eq. 10."""
+    """Delay real samples (..., N) circularly by a fraction of samples: Z(tau) of Eq. 10."""
     size = samples.shape[-1]
     omega = 2 * np.pi * np.fft.rfftfreq(size)
     return np.fft.irfft(np.fft.rfft(samples) * np.exp(-1j * omega * delay), size)
@@ -32,7 +36,11 @@ def padded(burst: Array, length: int) -> Array:
 
 
 def snls(recording: Array, burst: Array, *, first: int, last: int) -> tuple[int, float]:
-    """Return the lag and gain of Eqs. 10-13: least squares over every lag, positive gains only."""
+    """Return the lag and gain of Eqs. 10-13: least squares over every lag, positive gains only.
+
+    Args:
+        recording, burst, first, last: see the header; microphone 1.
+    """
     probe = padded(burst, len(recording))
     best = (math.inf, first, 0.0)
     for lag in range(first, last + 1):
@@ -42,36 +50,6 @@ def snls(recording: Array, burst: Array, *, first: int, last: int) -> tuple[int,
     return best[1], best[2]
 
 
-def relax(
-    recording: Array, burst: Array, *, first: int, last: int, echoes: int, epsilon: float = 1e-4
-) -> list[tuple[float, float]]:
-    """Return lag and gain of several echoes by RELAX: S-NLS on what the others leave, again until
-    nothing changes.
-
-    An echo is added where the residual of those before it is best explained; then all are estimated
-    again in turn until the residual's energy changes by less than `epsilon` of itself (Li, Stoica
-    1996).
-    """
-    probe = padded(burst, len(recording))
-    found: list[tuple[float, float]] = []
-    for count in range(1, echoes + 1):
-        found.append((float(first), 0.0))
-        before = math.inf
-        for _ in range(50):
-            for r in reversed(range(count)):
-                others = sum(
-                    (gain * shift(probe, lag) for lag, gain in found[:r] + found[r + 1 :]),
-                    np.zeros(1),
-                )
-                found[r] = snls(recording - others, burst, first=first, last=last)
-            modelled = sum((gain * shift(probe, lag) for lag, gain in found), np.zeros(1))
-            rest = float(np.sum((recording - modelled) ** 2))
-            if before - rest < epsilon * before:
-                break
-            before = rest
-    return sorted(found, key=lambda echo: -echo[1])
-
-
 def relative(positions: Array, azimuth: float, *, rate: float) -> Array:
     """Return eta_m of Eq. 3, the delays relative to microphone 1, in samples, shape (M,)."""
     late = delays(positions, azimuth)
@@ -79,8 +57,13 @@ def relative(positions: Array, azimuth: float, *, rate: float) -> Array:
 
 
 def delays(positions: Array, azimuth: float, elevation: float = math.pi / 2) -> Array:
-    """Return a plane wave's delays at microphones (M, 3) relative to the origin: -(R/c) sin psi
-    cos(theta - phi).
+    """Return a plane wave's delays at microphones relative to the origin, in s, shape (M,).
+
+    In a ring of radius R they are -(R/c) sin(psi) cos(theta - phi).
+
+    Args:
+        positions: microphones, shape (M, 3), in m.
+        azimuth, elevation: direction that the wave comes from, in rad.
     """
     ahead = [
         math.hypot(x, y) * math.sin(elevation) * math.cos(math.atan2(y, x) - azimuth)
@@ -90,10 +73,9 @@ def delays(positions: Array, azimuth: float, elevation: float = math.pi / 2) -> 
 
 
 def spectra(recording: Array, frame: int = 882) -> Array:
-    """Return the STFT of (M, N) with Hann window and half overlap by the sum that defines it, shape
-    (M, F, T).
-    """
-    hop, count = frame // 2, 1 + (recording.shape[-1] - frame) // (frame // 2)
+    """Return the STFT of (M, N), Hann window and half overlap, by its definition: (M, F, T)."""
+    hop = frame // 2
+    count = 1 + (recording.shape[-1] - frame) // hop
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(frame) / frame)
     return np.stack(
         [np.fft.rfft(recording[:, t * hop : t * hop + frame] * window) for t in range(count)],
@@ -104,8 +86,11 @@ def spectra(recording: Array, frame: int = 882) -> Array:
 def mpdr(
     recording: Array, positions: Array, azimuths: Array, *, rate: float, gamma: float = 0.1
 ) -> Array:
-    """Return the SRP-MPDR power of one recording (M, N) over azimuths (Eqs. 15-18): w^H R_bar w,
-    summed over bins.
+    """Return the SRP-MPDR power over azimuths (Eqs. 15-18): w^H R_bar w, summed over bins.
+
+    Args:
+        recording, positions, azimuths, rate: see the header; all microphones.
+        gamma: share of the diagonal loading in R_bar.
     """
     frames = spectra(recording)
     power = np.zeros(len(azimuths))
@@ -130,8 +115,11 @@ def mpdr(
 def steered(
     recording: Array, burst: Array, positions: Array, azimuth: float, *, rate: float
 ) -> Array:
-    """Return J(tau, phi) at every lag: recordings (M, N) advanced by eta_m, summed, correlated,
-    shape (N,).
+    """Return J(tau, phi) at every lag, shape (N,): advanced by eta_m, summed, correlated.
+
+    Args:
+        recording, burst, positions, rate: see the header; all microphones.
+        azimuth: phi, in rad.
     """
     together = np.zeros(recording.shape[-1])
     for y, eta in zip(recording, relative(positions, azimuth, rate=rate), strict=True):
@@ -143,7 +131,12 @@ def steered(
 def gated(
     recording: Array, burst: Array, positions: Array, azimuths: Array, *, lag: int, rate: float
 ) -> Array:
-    """Return sum_k J(lag + k, phi)^2 for |k| <= 2 over azimuths."""
+    """Return sum_k J(lag + k, phi)^2 for |k| <= 2 over azimuths.
+
+    Args:
+        recording, burst, positions, azimuths, rate: see the header; all microphones.
+        lag: of the echo.
+    """
     rows = (steered(recording, burst, positions, azimuth, rate=rate) for azimuth in azimuths)
     return np.array([np.sum(row[lag - 2 : lag + 3] ** 2) for row in rows])
 
@@ -159,8 +152,13 @@ def joint(
     rate: float,
     weights: Array | None = None,
 ) -> Array:
-    """Return J(tau, phi) = sum_m w_m <y_m(n + eta_m(phi)), s(n - tau)> over azimuths and lags,
-    shape (A, L).
+    """Return J(tau, phi) over azimuths and lags, shape (A, last - first + 1).
+
+    J = sum_m w_m <y_m(n + eta_m(phi)), s(n - tau)>, which EM-MC with one echo maximises as well.
+
+    Args:
+        recording, burst, positions, azimuths, first, last, rate: see the header; all microphones.
+        weights: w_m, one over each microphone's noise variance, shape (M,); 1 unless given.
     """
     weights = np.ones(len(recording)) if weights is None else weights
     surface = np.zeros((len(azimuths), last - first + 1))
@@ -174,65 +172,6 @@ def joint(
     return surface
 
 
-def em(
-    recording: Array,
-    burst: Array,
-    positions: Array,
-    azimuths: Array,
-    *,
-    first: int,
-    last: int,
-    rate: float,
-    starts: list[Component] | None = None,
-    weights: Array | None = None,
-    iterations: int = 30,
-) -> list[Component]:
-    """Return lag, azimuth and gain of each component by EM-MC (Saqib, Gannot, Jensen 2020), beta =
-    1 / R.
-
-    E: x_{r,m} = g_r s(n - tau_r - eta_m(phi_r)) + beta (y_m - sum_q g_q s(n - tau_q -
-        eta_m(phi_q))).
-    M: (tau, phi)_r = argmax sum_m w_m <x_{r,m}(n + eta_m(phi)), s(n - tau)>, g_r that sum over ||s||^2 sum_m w_m.
-
-    Args:
-        starts: R components to begin with; one of gain 0 unless given, and then each iteration is
-            the same search.
-        weights: w_m, one over each microphone's noise variance, shape (M,); 1 unless given.
-    """
-    components = list(starts or [(float(first), 0.0, 0.0)])
-    weights = np.ones(len(recording)) if weights is None else weights
-    for _ in range(iterations):
-        heard = [
-            component(burst, positions, c, rate=rate, length=recording.shape[-1])
-            for c in components
-        ]
-        rest = (recording - sum(heard)) / len(components)
-        for r, own in enumerate(heard):
-            surface = joint(
-                own + rest,
-                burst,
-                positions,
-                azimuths,
-                first=first,
-                last=last,
-                rate=rate,
-                weights=weights,
-            )
-            best, lag = np.unravel_index(surface.argmax(), surface.shape)
-            gain = float(surface.max() / (burst @ burst * np.sum(weights)))
-            components[r] = (float(first + lag), float(azimuths[best]), gain)
-    return components
-
-
-def component(
-    burst: Array, positions: Array, echo: Component, *, rate: float, length: int
-) -> Array:
-    """Return what microphones (M, 3) hear of one echo: g s(n - tau - eta_m(phi)), shape (M, N)."""
-    lag, azimuth, gain = echo
-    eta = relative(positions, azimuth, rate=rate)
-    return np.stack([gain * shift(padded(burst, length), lag + late) for late in eta])
-
-
 def mclam(
     recording: Array,
     burst: Array,
@@ -243,8 +182,12 @@ def mclam(
     last: int,
     rate: float,
 ) -> tuple[int, float]:
-    """Return lag and azimuth of McLAM as reconstructed: SRP-MPDR's direction, S-NLS on the aligned
-    costs' sum.
+    """Return lag and azimuth of McLAM as reconstructed.
+
+    SRP-MPDR gives the direction, S-NLS on the sum of the costs aligned to it the time.
+
+    Args:
+        recording, burst, positions, azimuths, first, last, rate: see the header; all microphones.
     """
     azimuth = float(azimuths[mpdr(recording, positions, azimuths, rate=rate).argmax()])
     cost = np.zeros(last - first + 1)
@@ -255,21 +198,19 @@ def mclam(
     return first + int(cost.argmax()), azimuth
 
 
-def is_detected(recording: Array, *, variance: float, log_gamma: float) -> bool:
-    """Tell whether ||y - x_direct||^2 > 2 sigma^2 ln gamma, for recordings without their direct path."""
-    energy = 0.0
-    for y in np.ravel(recording):
-        energy += float(y) ** 2
-    return energy > 2 * variance * log_gamma
-
-
 def peaks(recording: Array, burst: Array, *, first: int, last: int, loading: float = 0.0) -> int:
-    """Return the lag of RIR-PP: the peak of the response H1 = G_xy / (G_xx + loading * mean G_xx)
-    in the window.
+    """Return the lag of RIR-PP: the peak of the response H1 in the window.
+
+    H1 = G_xy / (G_xx + loading * mean G_xx).
+
+    Args:
+        recording, burst, first, last: see the header; microphone 1.
+        loading: share of the burst's mean power that is added to each bin.
     """
     response = np.zeros(len(recording), dtype=complex)
-    emitted, heard = np.fft.fft(padded(burst, len(recording))), np.fft.fft(recording)
+    emitted = np.fft.fft(padded(burst, len(recording)))
+    received = np.fft.fft(recording)
     level = loading * float(np.mean(np.abs(emitted) ** 2))
-    for k, (x, y) in enumerate(zip(emitted, heard, strict=True)):
+    for k, (x, y) in enumerate(zip(emitted, received, strict=True)):
         response[k] = x.conjugate() * y / (abs(x) ** 2 + level)
     return first + int(np.fft.ifft(response).real[first : last + 1].argmax())

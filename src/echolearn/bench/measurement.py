@@ -1,12 +1,11 @@
-"""Benchmarks: functions of one interface, `Setting -> iterable of Measurement`, one module for each
-kind of work.
+"""What every stage of the benchmark shares: a function `Setting -> iterable of Measurement`.
 
-Whatever has a peer is timed beside it in the same laps (`timing.race`): pyroomacoustics and the
-generator of Habets for responses, loops over the equations for localizers, SciPy and NumPy for
-single steps, one process for two.
+Whatever has a peer runs in turns with it (`runtime.timing.race`): pyroomacoustics and the generator
+of Habets for responses, loops over the equations for localizers, SciPy and NumPy for single steps,
+one process for two. The first contestant of a comparison is the reference of the others.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,8 +21,9 @@ from echolearn.runtime.timing import Contestant, Lap, Spread, race, ratios, spre
 from echolearn.simulation.observe import observe
 from echolearn.simulation.scene import Scene
 
-COLUMNS = "stage variant parameter value measure unit n median q1 q3 reference ratio ratio_q1 ratio_q3".split()
-"""Of `bench.csv`."""
+KEYS = "stage variant parameter value measure unit".split()
+COLUMNS = [*KEYS, *"n median q1 q3 reference ratio ratio_q1 ratio_q3".split()]
+"""Columns of `bench.csv`; the first six tell what was measured."""
 
 
 @dataclass(frozen=True)
@@ -31,15 +31,15 @@ class Measurement:
     """One quantity, measured several times.
 
     Attributes:
-        stage: of the benchmark.
-        variant: who or what.
+        stage: name of the stage.
+        variant: who or what was measured.
         parameter, value: what was varied, if anything, and its value.
         measure: `wall`, `cpu`, or another quantity.
-        unit: of it.
-        repetitions: each one's value, shape (n,).
-        reference: the variant of the same stage, parameter and value that this one is compared
-            with, if any.
-        beside: the reference's repetitions, lap by lap, shape (n,).
+        unit: unit of the quantity.
+        repetitions: value of each repetition, shape (n,).
+        reference: variant of the same stage, parameter and value that this one is compared with;
+            empty for that one itself.
+        beside: repetitions of the reference, lap by lap, shape (n,).
         group: what variants belong together in a table: of a trained run its classifier.
     """
 
@@ -60,26 +60,35 @@ class Measurement:
         return spread(self.repetitions)
 
     @property
-    def ratio(self) -> Spread | None:
-        """How many times the reference: median and quartiles of the ratios of laps; None without a
-        reference.
-        """
-        return ratios(self.repetitions, self.beside) if self.reference else None
+    def ratio(self) -> Spread:
+        """How many times the reference, median and quartiles over laps; NaN without a reference."""
+        if not self.reference:
+            return Spread(np.nan, np.nan, np.nan)
+        return ratios(self.repetitions, self.beside)
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """What was measured: the first columns of each table."""
+        return {key: getattr(self, key) for key in KEYS}
 
     def row(self) -> dict[str, Any]:
         """Return the row of `bench.csv`."""
-        nothing = Spread(np.nan, np.nan, np.nan)
-        plain = {
-            key: getattr(self, key)
-            for key in ("stage", "variant", "parameter", "value", "measure", "unit")
-        }
-        compared = dict(zip(COLUMNS[-3:], self.ratio or nothing, strict=True))
-        return (
-            plain
-            | {"n": len(self.repetitions), "reference": self.reference}
-            | self.spread._asdict()
-            | compared
-        )
+        rest = (len(self.repetitions), *self.spread, self.reference, *self.ratio)
+        return self.keys | dict(zip(COLUMNS[len(KEYS) :], rest, strict=True))
+
+
+WHOLE = {
+    "workers": (1, 1024),
+    "repetitions": (1, 1000),
+    "long_repetitions": (1, 1000),
+    "positions": (1, 10**6),
+    "batch": (1, 4096),
+    "rows": (1, 10**9),
+    "microphones": (2, 256),
+    "azimuths": (8, 3600),
+}
+SECONDS = {"seconds": (0.0, 3600.0), "t60": (0.01, 10.0), "peer_t60": (0.01, 10.0)}
+LISTS = ("rows", "microphones", "azimuths", "t60", "peer_t60")
 
 
 @dataclass(frozen=True)
@@ -89,19 +98,19 @@ class Setting:
     Attributes:
         plan: the set that is generated, and that observations are taken from.
         growing: the set whose number of rows grows.
-        localizers: by name.
-        runs: folder of everything generated: its trained runs are timed.
+        localizers: localizers by name.
+        runs: folder of everything generated: its trained runs and bundles are timed.
         place: folder for what is generated only to be timed.
         workers: processes where several are used.
         repetitions: laps of what is quick.
         long_repetitions: laps of what takes seconds.
-        seconds: after which no further lap of a comparison begins.
+        seconds: time after which no further lap of a comparison begins, in s.
         batch: observations that are localized together.
-        positions: of `plan` at which pyroomacoustics is timed; its time for all is scaled up from
-            these.
+        positions: positions of `plan` at which pyroomacoustics is timed; its time for all is scaled
+            up from these.
         rows: sizes of the growing set.
         t60: reverberation times, s.
-        peer_t60: those at which the peers are timed, too.
+        peer_t60: those at which the peers are timed, too, s.
         microphones: sizes of the ring.
         azimuths: sizes of the azimuth grid.
     """
@@ -111,96 +120,108 @@ class Setting:
     localizers: Mapping[str, Localizer]
     runs: Path
     place: Path
-    workers: int = 2
-    repetitions: int = 15
-    long_repetitions: int = 3
-    seconds: float = 4.0
-    batch: int = 64
-    positions: int = 60
-    rows: Sequence[int] = (1000, 3000, 10000)
-    t60: Sequence[float] = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-    peer_t60: Sequence[float] = (0.3, 0.6, 1.0)
-    microphones: Sequence[int] = (3, 6, 12, 24)
-    azimuths: Sequence[int] = (45, 90, 180, 360, 720)
+    workers: int
+    repetitions: int
+    long_repetitions: int
+    seconds: float
+    batch: int
+    positions: int
+    rows: Sequence[int]
+    t60: Sequence[float]
+    peer_t60: Sequence[float]
+    microphones: Sequence[int]
+    azimuths: Sequence[int]
 
     def __post_init__(self) -> None:
-        check(
-            isinstance(self.growing, ScatteredPlan),
-            "growing",
-            self.growing.name,
-            allowed="a scattered plan",
-        )
-        for name, high in (
-            ("workers", 1024),
-            ("repetitions", 1000),
-            ("long_repetitions", 1000),
-            ("positions", 10**6),
-        ):
-            check_whole(name, getattr(self, name), low=1, high=high)
-        check_whole("batch", self.batch, low=1, high=4096)
-        check_number("seconds", self.seconds, low=0.0, high=3600.0, unit="s")
-        for name, low, high in (("rows", 1, 10**9), ("microphones", 2, 256), ("azimuths", 8, 3600)):
+        scattered = isinstance(self.growing, ScatteredPlan)
+        check(scattered, "growing", self.growing.name, allowed="must be a scattered plan")
+        for name in LISTS:
             check_list(name, getattr(self, name))
-            for value in getattr(self, name):
-                check_whole(name, value, low=low, high=high)
-        for name in ("t60", "peer_t60"):
-            check_list(name, getattr(self, name))
-            for value in getattr(self, name):
-                check_number(name, value, low=0.01, high=10.0, unit="s")
+        for name, (low, high) in (WHOLE | SECONDS).items():
+            given = getattr(self, name)
+            for value in given if name in LISTS else [given]:
+                if name in SECONDS:
+                    check_number(name, value, low=low, high=high, unit="s")
+                else:
+                    check_whole(name, value, low=int(low), high=int(high))
 
-    def race(self, contestants: Mapping[str, Contestant]) -> dict[str, list[Lap]]:
-        """Let contestants run in turns, as often as this setting says."""
-        return race(contestants, laps=self.repetitions, seconds=self.seconds)
+    def compare(
+        self, stage: str, contestants: Mapping[str, Contestant], **about: Any
+    ) -> list[Measurement]:
+        """Time contestants in turns, and compare each with the first.
+
+        Args:
+            stage: name of the stage.
+            contestants: contestants by variant.
+            about: parameter, value and group of the comparison (`times`).
+        """
+        laps = race(contestants, laps=self.repetitions, seconds=self.seconds)
+        return times(stage, laps, **about)
+
+    def grow(
+        self, stage: str, variant: str, *, parameter: str, contestants: Mapping[int, Contestant]
+    ) -> Iterator[Measurement]:
+        """Time one variant at several values of a parameter, in turns.
+
+        Args:
+            stage: name of the stage.
+            variant: who or what.
+            parameter: what is varied.
+            contestants: the variant at work, by value.
+        """
+        named = {str(value): contestant for value, contestant in contestants.items()}
+        laps = race(named, laps=self.repetitions, seconds=self.seconds)
+        for value in contestants:
+            own = {variant: laps[str(value)]}
+            yield from times(stage, own, parameter=parameter, value=value)
 
 
 def times(
     stage: str,
     laps: Mapping[str, Sequence[Lap]],
     *,
-    reference: str = "",
     parameter: str = "",
     value: Any = "",
     group: str = "",
 ) -> list[Measurement]:
-    """Return wall and CPU times of the contestants of a race.
+    """Return wall and CPU times of a race, each compared with those of the first contestant.
 
     Args:
-        stage: of the benchmark.
-        laps: of each contestant.
-        reference: the contestant that the others are compared with, or none.
+        stage: name of the stage.
+        laps: laps of each contestant.
         parameter, value: what the race was about.
-        group: of all of them.
+        group: what all contestants belong to in a table.
     """
+    reference = next(iter(laps))
     found = []
     for variant, own in laps.items():
-        other, name = (
-            ((), "") if variant == reference or not reference else (laps[reference], reference)
-        )
-        for measure in Lap._fields:
-            repetitions, beside = ([getattr(lap, measure) for lap in side] for side in (own, other))
-            about = (stage, variant, parameter, value, measure, "s")
-            found.append(
-                Measurement(*about, repetitions, reference=name, beside=beside, group=group)
-            )
+        for index, measure in enumerate(Lap._fields):
+            compared: dict[str, Any] = {}
+            if variant != reference:
+                beside = [lap[index] for lap in laps[reference]]
+                compared = {"reference": reference, "beside": beside}
+            about = (stage, variant, parameter, value, measure, "s", [lap[index] for lap in own])
+            found.append(Measurement(*about, group=group, **compared))
     return found
 
 
-def heard(plan: Plan, count: int, scene: Scene | None = None) -> Observation:
-    """Return observations of `count` rows of a plan, evenly spaced, in another scene if given;
-    (count, M, N).
+def observations(plan: Plan, count: int, scene: Scene | None = None) -> Observation:
+    """Simulate rows of a plan, evenly spaced.
+
+    Args:
+        plan: gives positions and levels.
+        count: B, how many rows.
+        scene: what the robot carries, if not what the plan says.
+
+    Returns:
+        Observations, samples (B, M, N).
     """
     scene = scene or plan.scene
     samples = []
     for row in np.linspace(0, len(plan) - 1, count).astype(int).tolist():
         rng = stream(plan.seed, "observation", row)
         spot = plan.spot(row, rng)
-        observation, _ = observe(
-            spot.room,
-            spot.pose,
-            scene=scene,
-            levels=spot.levels,
-            rng=rng,
-            gain_db=spot.gain_db,
-        )
+        about: dict[str, Any] = {"scene": scene, "levels": spot.levels, "gain_db": spot.gain_db}
+        observation, _ = observe(spot.room, spot.pose, rng=rng, **about)
         samples.append(observation.samples)
     return Observation(np.stack(samples), scene.probe, scene.array, scene.speed_of_sound)

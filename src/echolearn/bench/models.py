@@ -7,34 +7,33 @@ by node in NumPy. Rows are of the set that a run was trained on.
 
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.bench.measurement import Measurement, Setting, times
-from echolearn.classifiers.inputs import COVARIANCE, view_of
+from echolearn.bench.measurement import Measurement, Setting
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.runtime.progress import track
-from echolearn.runtime.timing import Contestant, race
+from echolearn.runtime.timing import Contestant
 from echolearn.storage import files, manifests
 from echolearn.storage.identity import digest
 from echolearn.training.predictions import load_scorer
 from echolearn.training.runs import Run, finished_runs
 
 ROWS = 256
-EVALUATOR = "NumPy"
-RUNTIME = "onnxruntime"
 BRIEF = 0.5
 """Seconds for each run: there may be a hundred of them."""
 
 
-def finished(setting: Setting) -> list[Run]:
-    """Return the finished runs; says so if there are none."""
+def proved_runs(setting: Setting) -> list[Run]:
+    """Return the finished runs, each proved whole; says so if there are none."""
     runs = list(finished_runs(setting.runs))
     if not runs:
-        print(f"bench: no trained runs under {setting.runs / 'train'}", file=sys.stderr, flush=True)
+        print(f"bench: no trained runs under {setting.runs / 'train'}", file=sys.stderr)
     for run in runs:
         manifests.verify(run.folder)
     return runs
@@ -42,7 +41,7 @@ def finished(setting: Setting) -> list[Run]:
 
 def training(setting: Setting) -> Iterator[Measurement]:
     """Return how long each run took to be fitted and in all, by its own record."""
-    for run in finished(setting):
+    for run in proved_runs(setting):
         spent = files.load_json(run.folder / "timing.json")
         for measure in ("fit", "total"):
             about = ("train", run.identity, "rows", run.metrics["rows"]["train"], measure, "s")
@@ -51,46 +50,25 @@ def training(setting: Setting) -> Iterator[Measurement]:
 
 def inference(setting: Setting) -> Iterator[Measurement]:
     """Time each run's model per observation, one row at a time and many."""
+    brief = replace(setting, seconds=min(BRIEF, setting.seconds))
     sets: dict[str, Dataset] = {}
-    for folder in sorted((setting.runs / "data").glob(f"*/{manifests.MANIFEST}")):
-        key = digest(manifests.load_manifest(folder.parent)["files"])
-        sets[key] = Dataset(folder.parent)
-    for run in track(finished(setting), "bench models", unit="runs"):
+    for manifest in sorted((setting.runs / "data").glob(f"*/{manifests.MANIFEST}")):
+        key = digest(manifests.load_manifest(manifest.parent)["files"])
+        sets[key] = Dataset(manifest.parent)
+    for run in track(proved_runs(setting), "bench models", unit="runs"):
         if run.data_digest not in sets:
-            print(
-                f"bench models: the set of {run.identity} is gone; left out",
-                file=sys.stderr,
-                flush=True,
-            )
+            print(f"bench models: the set of {run.identity} is gone; left out", file=sys.stderr)
             continue
-        x, score = inputs_of(run, sets[run.data_digest]), load_scorer(run.folder)
+        dataset = sets[run.data_digest]
+        x = run.inputs_of({name: dataset[name][:ROWS] for name in run.inputs}).astype(np.float32)
+        scorers = {"onnxruntime": load_scorer(run.folder), "NumPy": evaluator(run.folder)}
         for rows in (1, len(x)):
             contestants = {
-                f"{run.identity}, {RUNTIME}": score,
-                f"{run.identity}, {EVALUATOR}": evaluator(run.folder),
+                f"{run.identity}, {name}": Contestant(partial(score, x[:rows]), units=rows)
+                for name, score in scorers.items()
             }
-            yield from raced(contestants, x[:rows], setting, group=run.classifier)
-
-
-def raced(
-    contestants: dict[str, Callable[[Array], Any]], x: Array, setting: Setting, *, group: str
-) -> Iterator[Measurement]:
-    """Time functions of the same rows per row, in turns; the first is the reference."""
-    asked = {
-        name: Contestant(lambda score=score: score(x), units=len(x))
-        for name, score in contestants.items()
-    }  # type: ignore[misc]
-    laps = race(asked, laps=setting.repetitions, seconds=min(BRIEF, setting.seconds))
-    yield from times(
-        "models", laps, reference=next(iter(laps)), parameter="batch", value=len(x), group=group
-    )
-
-
-def inputs_of(run: Run, dataset: Dataset) -> Array:
-    """Return up to `ROWS` rows of what a run looks at, float32."""
-    if view_of(run.inputs) == COVARIANCE:
-        return np.asarray(dataset[run.inputs[0]][:ROWS], dtype=np.float32)
-    return np.stack([dataset[name][:ROWS] for name in run.inputs], axis=1).astype(np.float32)
+            about = {"parameter": "batch", "value": rows, "group": run.classifier}
+            yield from brief.compare("models", contestants, **about)
 
 
 def evaluator(folder: Path) -> Callable[[Array], Any]:

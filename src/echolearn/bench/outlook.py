@@ -1,6 +1,7 @@
 """The plan of a set of ten million observations, from what the growing set took.
 
-    core seconds = rows / (rows per second / processes),   nodes = core seconds / (cores of a node * hours allowed)
+    core seconds = rows / (rows per second / processes)
+    nodes = core seconds / (cores of a node * hours allowed)
 
 The rate is the steady one of the largest set measured; shards are independent, so cores add up.
 """
@@ -10,8 +11,9 @@ from math import ceil
 from typing import Any
 
 from echolearn.bench.measurement import Measurement
-from echolearn.bench.page import describe, plain, table
+from echolearn.bench.page import Cell, describe, plain, table
 from echolearn.checks import BadValue
+from echolearn.runtime.timing import Spread
 
 ROWS = 10_000_000
 NODE_CORES = 32
@@ -23,6 +25,11 @@ SHARD_ROWS = 1024
 def outlook(found: Sequence[Measurement], machine: Mapping[str, Any], *, workers: int) -> str:
     """Return the plan as Markdown.
 
+    Args:
+        found: measurements, those of the growing set among them.
+        machine: what they were made on.
+        workers: processes that made the set.
+
     Raises:
         BadValue: no growing set was measured.
     """
@@ -31,41 +38,25 @@ def outlook(found: Sequence[Measurement], machine: Mapping[str, Any], *, workers
         raise BadValue("scaling: needs the stage rows; add it to stages=[...]")
     largest = max(m.value for m in rows)
     of = {m.measure: m.spread for m in rows if m.value == largest}
-    rate, size = of["steady rate"].median / workers, of["size"].median / largest
-    core_hours = ROWS / rate / 3600
-    facts = [
-        (
-            "rows per second and core",
-            plain(
-                of["steady rate"]._replace(
-                    **{key: value / workers for key, value in of["steady rate"]._asdict().items()}
-                )
-            ),
-        ),
-        ("bytes per row", f"{size:.0f}"),
-        ("memory of a worker", f"{of['memory, worker'].median / 2**20:.0f} MiB"),
-        ("core hours", f"{core_hours:.0f}"),
-        ("disk", f"{ROWS * size / 1e9:.0f} GB"),
-        ("files", f"{ceil(ROWS / SHARD_ROWS)} shards of `plan.shard_rows={SHARD_ROWS}`"),
-    ]
-    nodes = [
-        (
-            str(hours),
-            str(ceil(core_hours / hours)),
-            str(ceil(core_hours / hours / NODE_CORES)),
-            writing(size, hours),
-        )
-        for hours in HOURS
-    ]
-    head = ("done in hours", "cores", f"nodes of {NODE_CORES} cores", "written, MB/s")
-    source = (
-        f"From {largest:,} rows measured with {workers} processes. {describe(machine)}".replace(
-            ",", " ", 1
-        )
-    )
-    return "\n\n".join([source, table(("ten million observations", ""), facts), table(head, nodes)])
-
-
-def writing(size: float, hours: float) -> str:
-    """Return how many MB/s all nodes together write."""
-    return f"{ROWS * size / hours / 3600 / 1e6:.1f}"
+    per_core = Spread(*(part / workers for part in of["steady rate"]))
+    row_bytes = of["size"].median / largest
+    core_hours = ROWS / per_core.median / 3600
+    facts = {
+        "rows per second and core": plain(per_core),
+        "bytes per row": f"{row_bytes:.0f}",
+        "memory of a worker": f"{of['memory, worker'].median / 2**20:.0f} MiB",
+        "core hours": f"{core_hours:.0f}",
+        "disk": f"{ROWS * row_bytes / 1e9:.0f} GB",
+        "files": f"{ceil(ROWS / SHARD_ROWS)} shards of `plan.shard_rows={SHARD_ROWS}`",
+    }
+    times: list[Cell] = []
+    for hours in HOURS:
+        cores = core_hours / hours
+        times.append((str(hours), "cores", str(ceil(cores))))
+        times.append((str(hours), f"nodes of {NODE_CORES} cores", str(ceil(cores / NODE_CORES))))
+        written = ROWS * row_bytes / hours / 3600 / 1e6
+        times.append((str(hours), "written, MB/s", f"{written:.1f}"))
+    measured = f"{largest:,}".replace(",", " ")
+    source = f"From {measured} rows measured with {workers} processes. {describe(machine)}"
+    needed = table("ten million observations", ((fact, "", said) for fact, said in facts.items()))
+    return "\n\n".join([source, needed, table("done in hours", times)])

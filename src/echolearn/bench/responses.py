@@ -1,11 +1,9 @@
-"""Room impulse responses: `Images` beside pyroomacoustics and the generator of Habets, and how its
-time grows.
+"""Room impulse responses: `Images` beside pyroomacoustics and the generator of Habets.
 
 All three sum every image within T60: pyroomacoustics up to the order that holds that ball
-    (`Pyroom.complete`), the
-generator of Habets (the one that the paper used) with order -1, its high-pass off. The latter's
-time is proportional to the number of microphones, so it computes one response, and is charged for
-as many as the others.
+(`Pyroom.complete`), the generator of Habets (the one that the paper used) with order -1, its
+high-pass off. The latter's time is proportional to the number of microphones, so it computes one
+response, and is charged for as many as the others.
 """
 
 import math
@@ -16,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from echolearn.acoustics.geometry import circular_array, microphone_positions
-from echolearn.acoustics.types import Array, Pose, Room
-from echolearn.bench.measurement import Measurement, Setting, times
+from echolearn.acoustics.types import Array, Pose, Responder, Room
+from echolearn.bench.measurement import Measurement, Setting
 from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant
 from echolearn.simulation.responses import response_length
@@ -29,61 +27,45 @@ HALL = Room((10.0, 8.0, 6.0), 0.6)
 """The paper's training room."""
 
 PLACE = Pose(np.array([3.1, 4.2, 2.9]), 0.4)
-STAGE = "rir"
 
 
 def responses(setting: Setting) -> Iterator[Measurement]:
     """Time the responses from one position to all microphones, over T60 and over microphones."""
     scene = setting.plan.scene
-    for t60 in track(
-        sorted({*setting.t60, *setting.peer_t60}), "bench rir", unit="reverberation times"
-    ):
+    for t60 in track(sorted({*setting.t60, *setting.peer_t60}), "bench rir", unit="T60"):
         room = replace(HALL, t60=t60)
-        peers = rivals(room, scene) if t60 in setting.peer_t60 else {}
-        laps = setting.race({"images": Contestant(engine(Images(), room, scene))} | peers)
-        yield from times(STAGE, laps, reference="images", parameter="t60", value=t60)
-        yield Measurement(
-            STAGE, "images", "t60", t60, "images", "1", [images(room, scene.speed_of_sound)]
-        )
-    rings = {
-        str(count): Contestant(
-            engine(Images(), HALL, replace(scene, array=circular_array(microphones=count)))
-        )
-        for count in setting.microphones
-    }
-    for count, taken in setting.race(rings).items():
-        yield from times(STAGE, {"images": taken}, parameter="microphones", value=int(count))
+        contestants = {"images": Contestant(responding(Images(), room, scene))}
+        if t60 in setting.peer_t60:
+            contestants |= peers(room, scene)
+        yield from setting.compare("rir", contestants, parameter="t60", value=t60)
+        # Images of one microphone within T60: the ball's volume over the room's.
+        ball = 4 / 3 * math.pi * (t60 * scene.speed_of_sound) ** 3
+        count = ball / math.prod(room.size)
+        yield Measurement("rir", "images", "t60", t60, "images", "1", [count])
+    rings = {}
+    for count in setting.microphones:
+        ring = replace(scene, array=circular_array(microphones=count))
+        rings[count] = Contestant(responding(Images(), HALL, ring))
+    yield from setting.grow("rir", "images", parameter="microphones", contestants=rings)
 
 
-def images(room: Room, speed_of_sound: float) -> float:
-    """Return the number of images within T60 of one microphone: the ball's volume over the room's."""
-    return 4 / 3 * math.pi * (room.t60 * speed_of_sound) ** 3 / math.prod(room.size)
-
-
-def engine(compute: Images | Pyroom, room: Room, scene: Scene) -> Callable[[], Array]:
+def responding(engine: Responder, room: Room, scene: Scene) -> Callable[[], Array]:
     """Return a call of an engine for all microphones of a scene."""
-    at, rate = microphone_positions(scene.array, PLACE), scene.probe.sample_rate
-    return lambda: compute(
-        room, PLACE.position, at, sample_rate=rate, speed_of_sound=scene.speed_of_sound
-    )
+    at = microphone_positions(scene.array, PLACE)
+    about = {"sample_rate": scene.probe.sample_rate, "speed_of_sound": scene.speed_of_sound}
+    return lambda: engine(room, PLACE.position, at, **about)
 
 
-def rivals(room: Room, scene: Scene) -> dict[str, Contestant]:
-    """Return the peers; the optional one is left out, with a word about it, where it is not
-    installed.
-    """
-    found = {"pyroomacoustics": Contestant(engine(Pyroom(), room, scene), warm=False)}
+def peers(room: Room, scene: Scene) -> dict[str, Contestant]:
+    """Return the peers; one that is not installed is left out, with a line about it."""
+    found = {"pyroomacoustics": Contestant(responding(Pyroom(), room, scene), warm=False)}
     try:
-        one = habets(room, scene)
+        single = habets(room, scene)
     except ModuleNotFoundError:
-        hint = "pip install 'echolearn[peers]'"
-        print(
-            f"bench rir: rir-generator is not installed, so it is left out; {hint}",
-            file=sys.stderr,
-            flush=True,
-        )
+        left_out = "rir-generator is not installed, so it is left out"
+        print(f"bench rir: {left_out}; pip install 'echolearn[peers]'", file=sys.stderr)
         return found
-    return found | {"rir-generator": Contestant(one, units=1 / len(scene.array), warm=False)}
+    return found | {"rir-generator": Contestant(single, units=1 / len(scene.array), warm=False)}
 
 
 def habets(room: Room, scene: Scene) -> Callable[[], Array]:
@@ -94,8 +76,15 @@ def habets(room: Room, scene: Scene) -> Callable[[], Array]:
     """
     import rir_generator
 
-    length, rate = response_length(room, scene.probe.sample_rate), int(scene.probe.sample_rate)
-    about = {"L": list(room.size), "beta": room.reflection(scene.speed_of_sound), "nsample": length}
-    first = microphone_positions(scene.array, PLACE)[:1]
-    where = {"c": scene.speed_of_sound, "fs": rate, "r": first, "s": PLACE.position}
-    return lambda: rir_generator.generate(**where, **about, order=-1, hp_filter=False)
+    rate = scene.probe.sample_rate
+    return lambda: rir_generator.generate(
+        c=scene.speed_of_sound,
+        fs=int(rate),
+        r=microphone_positions(scene.array, PLACE)[:1],
+        s=PLACE.position,
+        L=list(room.size),
+        beta=room.reflection(scene.speed_of_sound),
+        nsample=response_length(room, rate),
+        order=-1,
+        hp_filter=False,
+    )

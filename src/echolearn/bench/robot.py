@@ -1,5 +1,4 @@
-"""On a robot: how long a bundle takes to be ready, per recording and per echo, and how much memory
-it needs.
+"""On a robot: how long a bundle takes to be ready, per recording and per echo, and its memory.
 
 Each bundle is measured in a process of its own that loads what a robot loads and nothing else
 (`onboard.py`): one recording at a time, observation in, accepted points out, with the bundle's
@@ -10,20 +9,18 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 from echolearn.bench.measurement import Measurement, Setting, times
 from echolearn.bench.responses import HALL
+from echolearn.bench.start import BARE, program
 from echolearn.runtime.progress import track
-from echolearn.runtime.timing import Contestant, Lap
+from echolearn.runtime.timing import Lap
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.survey import survey
 from echolearn.storage.manifests import BUNDLE
 
-STAGE = "robot"
 POSES = 12
-READY, BARE = "ready", "python -c pass"
 LOCALIZERS = ("joint", "gated")
 
 
@@ -31,58 +28,30 @@ def robot(setting: Setting) -> Iterator[Measurement]:
     """Measure every bundle that fits the plan's scene; says so if there are none."""
     bundles = sorted(path.parent for path in (setting.runs / "bundles").glob(f"*/{BUNDLE}"))
     if not bundles:
-        print(f"bench: no bundles under {setting.runs / 'bundles'}", file=sys.stderr, flush=True)
+        print(f"bench robot: no bundles under {setting.runs / 'bundles'}", file=sys.stderr)
         return
-    yield from starting(setting, bundles[0])
+    load = f"from echolearn.robot.scorer import load; load({str(bundles[0])!r})"
+    programs = {"ready": program("-c", load), BARE: program("-c", "pass")}
+    yield from setting.compare("robot", programs)
     scene = setting.plan.scene
     levels = NoiseLevels(0.0, sdnr_db=None if scene.diffuse is None else 0.0)
-    walk = survey(
-        name="walk",
-        room=HALL,
-        scene=scene,
-        poses=POSES,
-        runs=setting.place,
-        levels=levels,
-    )
+    about = {"name": "walk", "poses": POSES, "runs": setting.place}
+    walk = survey(room=HALL, scene=scene, levels=levels, **about)
     for folder in track(bundles, "bench robot", unit="bundles"):
         yield from onboard(folder, walk)
 
 
-def starting(setting: Setting, folder: Path) -> Iterator[Measurement]:
-    """Time a process that loads a bundle, beside Python's own start."""
-    code = f"from echolearn.robot.scorer import load; load({str(folder)!r})"
-    work = partial(subprocess.run, check=True, stdout=subprocess.DEVNULL)
-    lines = {READY: code, BARE: "pass"}
-    laps = setting.race(
-        {
-            name: Contestant(partial(work, [sys.executable, "-c", line]))
-            for name, line in lines.items()
-        }
-    )
-    yield from times(STAGE, laps, reference=READY)
-
-
 def onboard(folder: Path, walk: Path) -> Iterator[Measurement]:
-    """Measure one bundle on a walk; one that was made for another robot is left out, with a word
-    about it.
-    """
-    words = [
-        sys.executable,
-        "-m",
-        "echolearn.bench.onboard",
-        str(folder),
-        str(walk),
-        *LOCALIZERS,
-    ]
-    done = subprocess.run(words, capture_output=True, text=True)
+    """Measure one bundle on a walk; one for another robot is left out, with a line about it."""
+    words = ["-m", "echolearn.bench.onboard", str(folder), str(walk), *LOCALIZERS]
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True)
+    name = folder.name
     if done.returncode:
-        said = done.stderr.strip().splitlines()[-1:]
-        print(
-            f"bench robot: {folder.name} is left out; {' '.join(said)}", file=sys.stderr, flush=True
-        )
+        said = " ".join(done.stderr.strip().splitlines()[-1:])
+        print(f"bench robot: {name} is left out; {said}", file=sys.stderr)
         return
-    found, group = json.loads(done.stdout), folder.name
-    for name, taken in found["laps"].items():
-        laps = {f"{group}, {name}": [Lap(*lap) for lap in taken]}
-        yield from times(STAGE, laps, group=group)
-    yield Measurement(STAGE, group, "", "", "memory", "B", [found["memory"]], group=group)
+    found = json.loads(done.stdout)
+    for who, laps in found["laps"].items():
+        own = {f"{name}, {who}": [Lap(*lap) for lap in laps]}
+        yield from times("robot", own, group=name)
+    yield Measurement("robot", name, "", "", "memory", "B", [found["memory"]], group=name)

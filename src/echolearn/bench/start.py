@@ -5,17 +5,22 @@ import sys
 from collections.abc import Iterator
 from functools import partial
 
-from echolearn.bench.measurement import Measurement, Setting, times
+from echolearn.bench.measurement import Measurement, Setting
 from echolearn.runtime.timing import Contestant
 
-HELP, BARE = "echolearn --help", "python -c pass"
+BARE = "python -c pass"
 
 
 def start(setting: Setting) -> Iterator[Measurement]:
     """Time `echolearn --help` and an empty Python program, as processes."""
-    lines = {HELP: ("-m", "echolearn", "--help"), BARE: ("-c", "pass")}
-    work = partial(subprocess.run, check=True, stdout=subprocess.DEVNULL)
-    laps = setting.race(
-        {name: Contestant(partial(work, [sys.executable, *words])) for name, words in lines.items()}
-    )
-    yield from times("start", laps, reference=HELP)
+    programs = {
+        "echolearn --help": program("-m", "echolearn", "--help"),
+        BARE: program("-c", "pass"),
+    }
+    yield from setting.compare("start", programs)
+
+
+def program(*words: str) -> Contestant:
+    """Return a Python program as a process of its own."""
+    line = [sys.executable, *words]
+    return Contestant(partial(subprocess.run, line, check=True, stdout=subprocess.DEVNULL))

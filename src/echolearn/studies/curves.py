@@ -11,10 +11,13 @@ from matplotlib.transforms import offset_copy
 from echolearn.comparison.figures import CYCLE, GREY, MARKERS, draw
 from echolearn.evaluation.rows import to_csv
 
-FORMAT = 5
+FORMAT = 6
 """Version of the files; part of a study's identity."""
 
 COLOURS = CYCLE[:-1]  # grey is chance's
+SHARE = ("value", "ci_low", "ci_high")
+"""Columns of a share with its interval."""
+
 Row = Mapping[str, Any]
 
 AXIS = {
@@ -37,7 +40,7 @@ TITLES = {
 FIGURES = {"toa_doa": ("toa", "doa"), "map": ("on_map", "doa_any")}
 
 
-def study_files(name: str, vary: str, rows: Sequence[Row]) -> dict[str, bytes]:
+def study_files(name: str, *, vary: str, rows: Sequence[Row]) -> dict[str, bytes]:
     """Return the files of a study by name: `study.csv`, `study.md` and the figures.
 
     Args:
@@ -45,11 +48,18 @@ def study_files(name: str, vary: str, rows: Sequence[Row]) -> dict[str, bytes]:
         vary: what was varied.
         rows: those of `study.csv`.
     """
-    columns = ["localizer", vary, "metric", "value", "ci_low", "ci_high", "n"]
-    files = {"study.csv": to_csv(rows, columns), "study.md": percent(name, vary, rows).encode()}
+    files = {
+        "study.csv": to_csv(rows, columns(vary)),
+        "study.md": percent(name, vary=vary, rows=rows).encode(),
+    }
     for figure, metrics in FIGURES.items():
-        files[f"figures/{figure}.svg"] = draw_metrics(vary, rows, metrics).encode()
+        files[f"figures/{figure}.svg"] = draw_metrics(metrics, vary=vary, rows=rows).encode()
     return files
+
+
+def columns(vary: str) -> list[str]:
+    """Return the columns of `study.csv`."""
+    return ["localizer", vary, "metric", *SHARE, "n"]
 
 
 def distinct(rows: Sequence[Row], key: str) -> list[Any]:
@@ -62,7 +72,7 @@ def picked(rows: Sequence[Row], **wanted: Any) -> list[Row]:
     return [row for row in rows if wanted.items() <= row.items()]
 
 
-def percent(name: str, vary: str, rows: Sequence[Row]) -> str:
+def percent(name: str, *, vary: str, rows: Sequence[Row]) -> str:
     """Return the shares in per cent as Markdown, a table per metric and a column per value.
 
     Args:
@@ -84,19 +94,19 @@ def percent(name: str, vary: str, rows: Sequence[Row]) -> str:
     return "\n".join(text) + "\n"
 
 
-def draw_metrics(vary: str, rows: Sequence[Row], metrics: Sequence[str]) -> str:
+def draw_metrics(metrics: Sequence[str], *, vary: str, rows: Sequence[Row]) -> str:
     """Draw metrics side by side, a line per localizer with its interval; chance is dashed.
 
     Args:
+        metrics: a panel for each.
         vary: what was varied.
         rows: those of `study.csv`.
-        metrics: a panel for each.
     """
 
     def paint(figure: Figure) -> None:
         panels = figure.subplots(1, len(metrics), sharey=True)
         for letter, axis, metric in zip("abcd", panels, metrics, strict=False):
-            paint_metric(axis, vary, [row for row in rows if row["metric"] == metric])
+            paint_metric(axis, vary=vary, rows=picked(rows, metric=metric))
             title = f"{letter}) {TITLES[metric]}"
             axis.set(title=title, xlabel=AXIS[vary], ylim=(-0.02, 1.03))
         panels[0].set_ylabel("share of recordings")
@@ -106,8 +116,14 @@ def draw_metrics(vary: str, rows: Sequence[Row], metrics: Sequence[str]) -> str:
     return draw(paint, width=9.2, height=4.4)
 
 
-def paint_metric(axis: Axes, vary: str, rows: Sequence[Row]) -> None:
-    """Draw one metric of every localizer with its intervals; rows of chance come last."""
+def paint_metric(axis: Axes, *, vary: str, rows: Sequence[Row]) -> None:
+    """Draw one metric of every localizer with its intervals.
+
+    Args:
+        axis: where.
+        vary: what was varied.
+        rows: those of the metric; those of chance come last.
+    """
     values = distinct(rows, vary)
     x = range(len(values)) if vary == "fault" else values
     names = distinct(rows, "localizer")
@@ -115,7 +131,7 @@ def paint_metric(axis: Axes, vary: str, rows: Sequence[Row]) -> None:
     axis.plot(x, np.zeros(len(values)), linestyle="none")
     for number, name in enumerate(names):
         own = picked(rows, localizer=name)
-        shares = np.array([[row[key] for key in ("value", "ci_low", "ci_high")] for row in own])
+        shares = np.array([[row[key] for key in SHARE] for row in own])
         bars = np.abs(shares[:, 1:] - shares[:, :1]).T
         style = line_style(number) if number < len(names) - 1 else CHANCE_STYLE
         if vary in SEPARATE:

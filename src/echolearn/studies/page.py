@@ -10,7 +10,7 @@ from pathlib import Path
 
 from echolearn.storage import files, manifests
 from echolearn.storage.marked_page import Markers, around, write_between
-from echolearn.studies.curves import FIGURES, Row, distinct, picked
+from echolearn.studies.curves import FIGURES, SHARE, Row, distinct, picked
 
 STATEMENTS = {
     "paper_snr": (
@@ -93,5 +93,5 @@ def section(table: Path, *, vary: str, command: str) -> str:
 
 def in_percent(row: Row) -> str:
     """Return a share with its interval in per cent."""
-    value, low, high = (100 * float(row[key]) for key in ("value", "ci_low", "ci_high"))
+    value, low, high = (100 * float(row[key]) for key in SHARE)
     return f"{value:.3g} [{low:.3g}, {high:.3g}]"

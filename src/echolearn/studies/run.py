@@ -24,7 +24,7 @@ from echolearn.runtime.processes import processes
 from echolearn.runtime.progress import track
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
-from echolearn.storage.identity import canonical, digest, plain
+from echolearn.storage.identity import digest, plain
 from echolearn.storage.once import once
 from echolearn.studies import curves
 from echolearn.studies.accuracy import DRAWS, METRICS, drawn_by_chance, is_right, strongest_echo
@@ -62,31 +62,21 @@ def run_study(
     check_whole("workers", workers, low=1, high=1024)
     check_whole("resamples", resamples, low=20, high=100_000)
     folder = Path(runs) / "study" / name
-    about = {
-        "kind": "study",
-        "format": curves.FORMAT,
-        "study": plain(study),
-        "resamples": resamples,
-    }
-
-    def finished() -> Path | None:
-        _check_same_study(folder, about["study"])
-        return folder if _is_finished(folder, about) else None
+    about = {"kind": "study", "format": curves.FORMAT, "study": plain(study)}
+    about["resamples"] = resamples
 
     def make() -> Path:
         estimates = folder / _shards_of(about["study"])
         _estimate(study, estimates, workers=workers)
         rows = accuracy_rows(study, estimates, resamples=resamples)
-        files = curves.study_files(name, study.vary, rows)
+        files = curves.study_files(name, vary=study.vary, rows=rows)
         for file, content in files.items():
             write_atomic(folder / file, content)
         manifests.finish(folder, about | manifests.command_entry(command), files)
         return folder
 
-    once(folder, finished=finished, make=make, doing="makes this study")
-    print((folder / "study.md").read_text())
-    for figure in sorted((folder / "figures").glob("*.svg")):
-        print(figure)
+    once(folder, finished=lambda: _finished(folder, about), make=make, doing="makes this study")
+    print((folder / "study.md").read_text(), *sorted(folder.glob("figures/*.svg")), sep="\n")
     return folder
 
 
@@ -95,27 +85,25 @@ def _shards_of(study: Any) -> str:
     return f"estimates-{digest(study)}"
 
 
-def _check_same_study(folder: Path, study: Any) -> None:
-    """Raise `BadValue` if another study stands under that name, finished or not."""
+def _finished(folder: Path, about: Mapping[str, Any]) -> Path | None:
+    """Return the folder if it holds this study, finished; raise `BadValue` if it holds another."""
     there = {path.name for path in folder.glob("estimates-*")}
+    manifest: Mapping[str, Any] = {}
     # Of one that is not finished, or damaged, the shards alone tell what it is.
-    with suppress(BadValue, KeyError):
-        there.add(_shards_of(manifests.load_manifest(folder)["study"]))
+    with suppress(BadValue):
+        manifest = manifests.load_manifest(folder)
+        there.add(_shards_of(manifest.get("study")))
     check(
-        there <= {_shards_of(study)},
+        there <= {_shards_of(about["study"])},
         "name",
         folder.name,
         allowed="must be a new name, or that of a study with the same settings",
         hint=f"{folder} has other settings or is of an earlier version; remove it to make it anew",
     )
-
-
-def _is_finished(folder: Path, about: Mapping[str, Any]) -> bool:
-    try:
-        manifest = manifests.verify(folder)
-    except BadValue:
-        return False
-    return canonical({key: manifest.get(key) for key in about}) == canonical(about)
+    with suppress(BadValue):
+        manifests.verify(folder)
+        return folder if about.items() <= manifest.items() else None
+    return None
 
 
 def _estimate(study: Study, folder: Path, *, workers: int) -> None:
@@ -195,10 +183,8 @@ def accuracy_rows(study: Study, folder: Path, *, resamples: int) -> list[curves.
         weights = stats.cluster_weights(table["position"], resamples=resamples)
         for column, name in enumerate([*study.localizers, CHANCE]):
             for metric, right in zip(METRICS, table["hit"][:, column].T, strict=True):
-                found = share(right, weights)
-                limits = {"value": found.value, "ci_low": found.low, "ci_high": found.high}
-                about = {"localizer": name, study.vary: value, "metric": metric, "n": len(right)}
-                rows.append(about | limits)
+                row = (name, value, metric, *share(right, weights), len(right))
+                rows.append(dict(zip(curves.columns(study.vary), row, strict=True)))
     return rows
 
 

@@ -69,7 +69,10 @@ class Study:
             given = getattr(self, name)
             check(given in known, name, given, allowed=f"must be one of {', '.join(known)}")
         self._check_values()
-        self._check_localizers()
+        check(len(self.localizers) > 0, "localizers", "{}", allowed="must be at least one")
+        hint = "tables and figures call the baseline so"
+        free = CHANCE not in self.localizers
+        check(free, "localizers", CHANCE, allowed="must have another name", hint=hint)
         check_list("walls", self.walls, length=2, allowed="must be two distances in m")
         for distance in self.walls:
             check_number("walls", distance, low=0.0, high=100.0, unit="m")
@@ -92,12 +95,6 @@ class Study:
         ascending = self.vary == "fault" or sorted(values) == values
         hint = "figures join them in turn"
         check(ascending, "values", values, allowed="must be in ascending order", hint=hint)
-
-    def _check_localizers(self) -> None:
-        check(len(self.localizers) > 0, "localizers", "{}", allowed="must be at least one")
-        hint = "tables and figures call the baseline so"
-        free = CHANCE not in self.localizers
-        check(free, "localizers", CHANCE, allowed="must have another name", hint=hint)
 
     def _check_room(self) -> None:
         walls = list(self.room.walls)
