@@ -33,18 +33,18 @@ def localizers(setting: Setting) -> Iterator[Measurement]:
         scene = replace(setting.plan.scene, array=circular_array(microphones=count))
         rings[count] = observations(setting.plan, few, scene)
     about = {"parameter": "batch", "value": setting.batch}
+    forms = literal(setting.plan, observation)
     for name, search in searches(setting, observation).items():
-        literal = loops(name, setting.plan, observation)
-        contestants = {name: search, f"{name}, literal": literal}
+        contestants = {name: search, f"{name}, literal": forms[name]}
         yield from setting.compare("localize", contestants, **about)
     for name, localizer in track(list(setting.localizers.items()), "bench localize"):
         contestants = {
             name: at_work(localizer, observation),
             f"{name}, one at a time": at_work(localizer, observation, count=1),
         }
-        literal = loops(kind_of(localizer), localizer, observation)
-        if literal is not None:
-            contestants[f"{name}, literal"] = literal
+        forms = literal(localizer, observation)
+        if kind_of(localizer) in forms:
+            contestants[f"{name}, literal"] = forms[kind_of(localizer)]
         found = setting.compare("localize", contestants, **about)
         yield from found
         yield from as_printed(name, found[0].repetitions, value=setting.batch)
@@ -58,7 +58,7 @@ def localizers(setting: Setting) -> Iterator[Measurement]:
 
 
 def searches(setting: Setting, observation: Observation) -> dict[str, Contestant]:
-    """Return the paper's two searches at work, each by itself; an observation is a unit."""
+    """Return the paper's two searches at work, each by itself."""
     window = setting.plan.window
     units = len(observation.samples)
     return {
@@ -94,13 +94,11 @@ def on_grids(localizer: Any, azimuths: Sequence[int]) -> dict[int, Localizer]:
     return {count: replace(localizer, azimuths=count) for count in azimuths}
 
 
-def loops(method: str, localizer: Any, observation: Observation) -> Contestant | None:
-    """Return the literal form of a method at work on the first observation, if it has one.
+def literal(localizer: Any, observation: Observation) -> dict[str, Contestant]:
+    """Return the literal forms at work on the first of observations (B, M, N).
 
-    Args:
-        method: its short name, or that of one of the paper's searches.
-        localizer: gives the search window and, where it has them, azimuths and loading.
-        observation: samples (B, M, N).
+    They go by the short names of localizers and the names of the paper's searches. A localizer, or
+    whatever has a search window, gives that and, where it has them, azimuths and loading.
     """
     array = observation.array
     rate = observation.probe.sample_rate
@@ -134,4 +132,4 @@ def loops(method: str, localizer: Any, observation: Observation) -> Contestant |
         "mclam": lambda: equations.mclam(*around, rate=rate, **lags),
         "peaks": lambda: (peak(), direction()),
     }
-    return Contestant(known[method], warm=False) if method in known else None
+    return {name: Contestant(work, warm=False) for name, work in known.items()}

@@ -16,6 +16,7 @@ import json
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -62,9 +63,14 @@ def measure(
             each.update(*step)
     memory = peak_memory()
 
-    read = list(steps())
+    recordings = list(steps())
+
+    def take(each: Scorer) -> None:
+        for step in recordings:
+            each.update(*step)
+
     contestants = {
-        name: Contestant(lambda each=each: [each.update(*step) for step in read], units=len(read))
+        name: Contestant(partial(take, each), units=len(recordings))
         for name, each in scorers.items()
     }
     one = scorer.bundle.golden[0][:1]

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from echolearn.bench.measurement import Measurement, Setting, times
 from echolearn.bench.responses import HALL
@@ -35,7 +36,7 @@ def robot(setting: Setting) -> Iterator[Measurement]:
     yield from setting.compare("robot", programs)
     scene = setting.plan.scene
     levels = NoiseLevels(0.0, sdnr_db=None if scene.diffuse is None else 0.0)
-    about = {"name": "walk", "poses": POSES, "runs": setting.place}
+    about: dict[str, Any] = {"name": "walk", "poses": POSES, "runs": setting.place}
     walk = survey(room=HALL, scene=scene, levels=levels, **about)
     for folder in track(bundles, "bench robot", unit="bundles"):
         yield from onboard(folder, walk)

@@ -141,7 +141,7 @@ def steady_rates(written: Sequence[float], shard_rows: int, *, workers: int) -> 
     # Processes that began together end together: only every `workers`th shard is a fair mark.
     marks = sorted(written)[workers - 1 :: workers]
     parts = max(1, min(PARTS, (len(marks) - 1) // 4))
-    ends = np.unique(np.linspace(0, len(marks) - 1, parts + 1).astype(int)) if marks else []
+    ends = np.unique(np.linspace(0, max(0, len(marks) - 1), parts + 1).astype(int)).tolist()
     rows = workers * shard_rows
     rates = [rows * (b - a) / (marks[b] - marks[a]) for a, b in pairwise(ends)]
     return rates or [float("nan")]

@@ -15,6 +15,7 @@ circle.
 """
 
 import warnings
+from typing import Any
 
 import numpy as np
 
@@ -94,7 +95,7 @@ def is_right(estimates: Array, *, room: Room, pose: Pose, scene: Scene) -> Array
     Returns:
         Whether each metric of `METRICS` is met, shape (B, 4), as 0 and 1.
     """
-    around = {"array": scene.array, "speed_of_sound": scene.speed_of_sound}
+    around: dict[str, Any] = {"array": scene.array, "speed_of_sound": scene.speed_of_sound}
     truth = true_echoes(room, pose, **around)
     toa, azimuth, elevation = estimates.T
     late = np.abs(toa[:, None] - truth.toa) * scene.probe.sample_rate

@@ -1,6 +1,6 @@
 """What a study found: a tidy table, a table in per cent, figures in the paper's layout."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ COLOURS = CYCLE[:-1]  # grey is chance's
 SHARE = ("value", "ci_low", "ci_high")
 """Columns of a share with its interval."""
 
-Row = Mapping[str, Any]
+Row = dict[str, Any]
 
 AXIS = {
     "snr_db": "SNR / dB",
@@ -138,7 +138,7 @@ def paint_metric(axis: Axes, *, vary: str, rows: Sequence[Row]) -> None:
             style = style | {"linestyle": "none", "marker": style.get("marker", "_")}
         # Equal shares stand side by side, a point (1/72 inch) apart.
         aside = number - (len(names) - 1) / 2
-        place = offset_copy(axis.transData, axis.figure, x=aside, units="points")
+        place = offset_copy(axis.transData, axis.get_figure(root=True), x=aside, units="points")
         axis.errorbar(x, shares[:, 0], yerr=bars, label=name, transform=place, **style)
     if vary == "pings":
         axis.set_xscale("log", base=2)

@@ -164,9 +164,11 @@ def evaluate_position(
     rng = stream(study.seed, "guess", position.number)
     count = len(trials) * DRAWS
     estimates.append(drawn_by_chance(position.scene, study.window, count=count, rng=rng))
-    around = {"room": condition.room, "pose": position.pose, "scene": position.scene}
-    right = [is_right(each, **around).reshape(len(trials), -1, len(METRICS)) for each in estimates]
-    return np.stack([each.mean(axis=1) for each in right], axis=1)
+    shares = []
+    for each in estimates:
+        right = is_right(each, room=condition.room, pose=position.pose, scene=position.scene)
+        shares.append(right.reshape(len(trials), -1, len(METRICS)).mean(axis=1))
+    return np.stack(shares, axis=1)
 
 
 def accuracy_rows(study: Study, folder: Path, *, resamples: int) -> list[curves.Row]:
