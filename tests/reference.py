@@ -71,7 +71,7 @@ def microphones(positions: Array, place: Array, heading: float) -> Array:
 def echo(
     burst: Array, image: Array, microphone: Array, *, strength: float, rate: float, length: int
 ) -> Array:
-    """Return the burst from one image at one microphone: strength / (4 pi d), d/c late, (length,)."""
+    """Return the burst from one image at one microphone: strength / (4 pi d), d/c late."""
     distance = float(np.linalg.norm(image - microphone))
     late = shift(padded(burst, length), distance / SPEED * rate)
     return strength / (4 * math.pi * distance) * late

@@ -142,7 +142,7 @@ def test_the_score_says_how_much_is_probe(localizer: Localizer, name: str) -> No
 
 
 def test_turning_the_robot_turns_the_azimuth_back(localizer: Localizer) -> None:
-    """The ring turned by one microphone records the same wave, renamed; TOA moves with microphone 1."""
+    """The ring turned by one microphone records the same wave; TOA moves with microphone 1."""
     samples = noisy(0.4)
     echoes = localizer(observed(PROBE, samples, np.roll(samples, -1, axis=0)))
     turned = echoes.azimuth[0, 0] - echoes.azimuth[1, 0] - np.pi / 3

@@ -1,4 +1,4 @@
-"""Pre-whitening: densities in their units, lags that stay, weights, and echoes found under rotors."""
+"""Pre-whitening: densities in their units, lags that stay, weights, echoes under rotors."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -123,7 +123,7 @@ def test_density_of_all_or_of_each_microphone() -> None:
         (-np.ones((6, 9)), "NaN, infinity or below 0: densities must be 0 or more"),
     ],
 )
-def test_a_density_that_is_none_is_refused_even_if_only_for_weights(
+def test_what_is_no_density_is_refused_even_if_only_for_weights(
     psd: Array, message: str
 ) -> None:
     batch = observed(PROBE, np.random.default_rng(5).standard_normal((6, 3000)), noise_psd=psd)
@@ -152,7 +152,7 @@ def test_a_silent_recording_has_no_silent_microphone() -> None:
 
 
 def under_rotors(hear: Record, place: Place, *, sdnr_db: float, trials: int) -> Observation:
-    """Return recordings with rotor noise, and the density of another recording of the same rotors."""
+    """Return recordings with rotor noise, and its density from another recording."""
     quiet, louder = (hear(place, snr_db=snr_db, trials=trials) for snr_db in (40.0, 0.0))
     # The same noise at two levels tells what 0 dB is.
     received = np.var(louder.samples - quiet.samples) / 0.99**2
