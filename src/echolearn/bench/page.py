@@ -76,18 +76,18 @@ def table(corner: str, cells: Iterable[Cell]) -> str:
 
 def compared(found: Sequence[Measurement]) -> Iterator[Cell]:
     """Yield what was timed beside its peers, and what has none but is of interest by itself."""
-    references = {(m.stage, m.value, m.reference) for m in found}
+    references = {(m.stage, m.parameter, m.value, m.reference) for m in found}
     for m in found:
         condition = CONDITIONS.get(m.parameter, "").format(m.value)
         line = f"{TITLES.get(m.stage)}{condition}: {m.reference or m.variant}"
-        alone = m.stage in ("steps", "robot") or (m.stage, m.value, m.variant) in references
+        own = (m.stage, m.parameter, m.value, m.variant)
         if m.stage not in TITLES or m.measure not in ("wall", "memory"):
             continue
         if m.reference:
             name = m.variant.removeprefix(f"{m.reference}, ")
             text = f"{name} {seconds(m.spread, brackets=False)}, {plain(m.ratio)} times"
             yield line, "beside it, and how many times as long", text
-        elif alone:
+        elif own in references or m.stage in ("steps", "robot"):
             yield line, "takes", in_unit(m)
 
 
