@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -87,29 +88,22 @@ class World:
 
 
 def plans() -> list[Plan]:
-    """Return a grid in one room, positions scattered over many rooms, and some off the grid in the
-    walks' room."""
+    """Return a grid in one room, positions in many rooms, and some off the grid in the walks'."""
     window = SearchWindow()
-    scene = Scene(circular_array(), noise_probe(length=6000), Images(), White())
-    loud, places, size = (-25.0, 25.0), Gated(window, 36), HALL.size
-    low, high, t60 = (5.0, 5.0, 3.0), (8.0, 7.0, 4.0), (0.25, 0.3)
+    shared: dict[str, Any] = {
+        "margin": 1.0,
+        "window": window,
+        "scene": Scene(circular_array(), noise_probe(length=6000), Images(), White()),
+        "localizer": Gated(window, 36),
+        "snr_db": (-25.0, 25.0),
+    }
+    rooms = {"size_low": (5.0, 5.0, 3.0), "size_high": (8.0, 7.0, 4.0)}
+    hall = {"size_low": HALL.size, "size_high": HALL.size, "role": "test"}
+    scattered = partial(ScatteredPlan, t60=(0.25, 0.3), **shared)
     return [
-        GridPlan("grid", 1, HALL, 0.8, 1.0, window, scene, places, snr_db=loud),
-        ScatteredPlan("scattered", 2, 140, low, high, t60, 1.0, window, scene, places, snr_db=loud),
-        ScatteredPlan(
-            "offgrid_hall",
-            3,
-            60,
-            size,
-            size,
-            t60,
-            1.0,
-            window,
-            scene,
-            places,
-            snr_db=loud,
-            role="test",
-        ),
+        GridPlan("grid", 1, HALL, 0.8, **shared),
+        scattered("scattered", 2, 140, **rooms),
+        scattered("offgrid_hall", 3, 60, **hall),
     ]
 
 
@@ -118,24 +112,17 @@ def write_set(plan: Plan, runs: Path) -> Dataset:
     folder = folder_of(plan, runs)
     manifests.write_shard(folder, 0, records(plan, range(len(plan))))
     rows = len(plan) * plan.localizer.echoes
-    manifests.finish(
-        folder,
-        {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)},
-        [manifests.shard_name(0)],
-    )
+    about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
+    manifests.finish(folder, about, [manifests.shard_name(0)])
     return Dataset(folder)
 
 
 def train(dataset: Dataset, name: str, *, seed: int, runs: Path, **changes: Any) -> None:
     """Train one of the classifiers."""
     keys = CLASSIFIERS[name] | changes
-    train_run(
-        LearningProblem(dataset, seed=seed),
-        name=name,
-        classifier=lambda: config.build(keys),
-        config=by_short_names(keys),
-        runs=runs,
-    )
+    problem = LearningProblem(dataset, seed=seed)
+    make = partial(config.build, keys)
+    train_run(problem, name=name, classifier=make, config=by_short_names(keys), runs=runs)
 
 
 def make(runs: Path) -> World:
@@ -144,34 +131,28 @@ def make(runs: Path) -> World:
     for plan, seed, names in TRAINED:
         for name in names:
             train(sets[plan], name, seed=seed, runs=runs)
-    scene, window = plans()[0].scene, SearchWindow()
+    scene = plans()[0].scene
     for walk, snr_db in zip(WALKS, (0.0, -10.0), strict=True):
-        survey(
-            name=walk, room=HALL, scene=scene, levels=NoiseLevels(snr_db), poses=POSES, runs=runs
-        )
-    localizers = {"gated": Gated(window, 36), "snls": Snls(window, 36)}
+        levels = NoiseLevels(snr_db)
+        survey(name=walk, room=HALL, scene=scene, levels=levels, poses=POSES, runs=runs)
+    window = SearchWindow()
     arguments = {
-        "tested": list(sets),
-        "surveys": list(WALKS),
-        "localizers": localizers,
+        "tested": [*sets],
+        "surveys": [*WALKS],
+        "localizers": {"gated": Gated(window, 36), "snls": Snls(window, 36)},
         "resamples": 50,
+        "runs": runs,
     }
-    return World(runs, sets, arguments | {"runs": runs})
+    return World(runs, sets, arguments)
 
 
 def pack(world: World, classifier: str, runs: Path, **changes: Any) -> Path:
     """Export the first run of a classifier on the scattered set."""
     run = next((world.runs / "train").glob(f"{classifier}-scattered-s0-*"), None)
     scene = plans()[0].scene
-    arguments = {
-        "run": run,
-        "best": None,
-        "array": scene.array,
-        "probe": scene.probe,
-        "resamples": 30,
-        "name": "small",
-    }
-    return export(**arguments | {"runs": runs} | changes)
+    given: dict[str, Any] = {"run": run, "best": None, "resamples": 30, "name": "small"}
+    given |= {"array": scene.array, "probe": scene.probe, "runs": runs}
+    return export(**given | changes)
 
 
 def evaluated(world: World) -> Comparison:
@@ -193,8 +174,7 @@ def evaluated(world: World) -> Comparison:
 def coming_second(
     work: Callable[[], Any], path: Path, first: Callable[[], Any], heard: Callable[[], str]
 ) -> Any:
-    """Let `work` come to `path` while another is there, who does `first` and goes; return what
-    comes of it.
+    """Let `work` come to `path` while another is there, who does `first`; return what comes of it.
 
     Args:
         work: what waits.
@@ -204,7 +184,8 @@ def coming_second(
     """
     with ThreadPoolExecutor(1) as pool:
         with locked(path):
-            coming, said = pool.submit(work), ""
+            coming = pool.submit(work)
+            said = ""
             while "waiting for another command" not in said and not coming.done():
                 time.sleep(0.01)
                 said += heard()

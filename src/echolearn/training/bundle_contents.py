@@ -55,15 +55,14 @@ def bundle_description(
         probe: burst that the set was made with.
         resamples: bootstrap draws behind intervals.
     """
-    plan = dataset.manifest["plan"]
-    check_scene(plan["scene"], array=array, probe=probe)
     shape = [len(run.inputs)]
     if view_of(run.inputs) == COVARIANCE:
         shape = [features.COVARIANCE_BANDS, len(array) ** 2]
-    target = run.target
     rows = run.metrics["rows"]["validation"]
+    rule = f"largest balanced accuracy on {rows} validation rows; kept if confidence >= value"
     model = run.metrics["model"]
     versions = {library: version(library) for library in LIBRARIES}
+    own = {"echolearn": echolearn.__version__, "python": platform.python_version()}
     return {
         "kind": "bundle",
         "schema": schema.SCHEMA,
@@ -76,40 +75,44 @@ def bundle_description(
         "columns": [{"name": name, "unit": features.UNITS.get(name, "1")} for name in run.inputs],
         "bands": features.COVARIANCE_BANDS,
         "input_shape": shape,
-        "label": {"name": target, "true": schema.LABELS[target]},
-        "threshold": {
-            "value": run.threshold,
-            "chosen": f"largest balanced accuracy on {rows} validation rows; "
-            "kept if confidence >= value",
-        },
+        "label": {"name": run.target, "true": schema.LABELS[run.target]},
+        "threshold": {"value": run.threshold, "chosen": rule},
         "calibration": run.metrics["calibration"],
         "parity": {"difference": model["parity"], "trials": model["trials"]},
-        "sample_rate": float(probe.sample_rate),
-        "speed_of_sound": float(plan["scene"]["speed_of_sound"]),
-        "array": array.positions.tolist(),
-        "probe": {"file": "probe.wav", "burst": len(probe.samples), "length": probe.length},
-        "window": {key: value for key, value in plan["window"].items() if key != KIND},
-        "localizer": localizer_description(plan["localizer"], window=plan["window"]),
+        **recording_description(dataset.manifest["plan"], array=array, probe=probe),
         "golden": schema.GOLDEN,
         "metrics": {"held_out": held_out_figures(run, dataset, resamples=resamples)},
-        "versions": {"echolearn": echolearn.__version__, "python": platform.python_version()}
-        | versions,
+        "versions": own | versions,
     }
 
 
-def check_scene(scene: Mapping[str, Any], *, array: MicArray, probe: Probe) -> None:
-    """Raise `BadValue` unless a set was made with this array and this probe.
+def recording_description(
+    plan: Mapping[str, Any], *, array: MicArray, probe: Probe
+) -> dict[str, Any]:
+    """Return what a robot needs to record and localize as the set's plan does.
 
     Args:
-        scene: scene in the set's manifest, which holds arrays as hashes.
-        array: microphones.
-        probe: burst.
+        plan: plan in the set's manifest, which holds arrays as hashes.
+        array: microphones that the set was made with.
+        probe: burst that the set was made with.
+
+    Raises:
+        BadValue: another array or probe than the set's, or a localizer that cannot travel.
     """
+    scene = plan["scene"]
     hint = "give the scene.* overrides that the set was generated with"
     for name, given in (("array", array), ("probe", probe)):
         allowed = f"must be the {name} of the run's set"
         same = plain(given) == scene[name]
         check(same, f"scene.{name}", "another", allowed=allowed, hint=hint)
+    return {
+        "sample_rate": float(probe.sample_rate),
+        "speed_of_sound": float(scene["speed_of_sound"]),
+        "array": array.positions.tolist(),
+        "probe": {"file": "probe.wav", "burst": len(probe.samples), "length": probe.length},
+        "window": {key: value for key, value in plan["window"].items() if key != KIND},
+        "localizer": localizer_description(plan["localizer"], window=plan["window"]),
+    }
 
 
 def localizer_description(about: Mapping[str, Any], *, window: Any) -> dict[str, Any]:

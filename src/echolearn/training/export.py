@@ -56,27 +56,33 @@ def export(
             probe than the set's, a localizer that cannot travel, or a bundle of that name made from
             another run.
     """
-    allowed = "must be a run's folder, or give best=<a comparison's folder>, not both"
-    check((run is None) != (best is None), "run", run, allowed=allowed)
     check_whole("resamples", resamples, low=20, high=100_000)
-    source = chosen_run(Path(best)) if best is not None else open_run(Path(run or ""))
-    check_name("name", name or source.identity)
-    folder = Path(runs) / "bundles" / (name or source.identity)
-
-    dataset = find_set(source)
+    source = find_run(run, best)
+    name = source.identity if name is None else name
+    check_name("name", name)
+    folder = Path(runs) / "bundles" / name
+    dataset = set_of(source)
     about = bundle_description(source, dataset, array=array, probe=probe, resamples=resamples)
-    about["metrics"]["maps"] = [] if best is None else map_figures(Path(best), source)
-    about |= {"name": folder.name, **manifests.command_entry(command)}
+    about["metrics"]["maps"] = [] if best is None else map_figures(best, source)
+    about |= {"name": name, **manifests.command_entry(command)}
     check_free(folder, source)
     files = bundle_files(source, dataset, probe=probe)
-    once(
-        folder,
-        finished=partial(_finished, folder, source, about=about, files=files),
-        make=partial(_write, folder, about=about, files=files),
-        doing="exports it",
-    )
+    finished = partial(_finished, folder, source, about=about, files=files)
+    make = partial(_write, folder, about=about, files=files)
+    once(folder, finished=finished, make=make, doing="exports it")
     _load(folder)
     return folder
+
+
+def find_run(run: Path | None, best: Path | None) -> Run:
+    """Return the run in a folder, or the one that a comparison has chosen; one of the two is None.
+
+    Raises:
+        BadValue: both or neither are given, or what is given is not there.
+    """
+    allowed = "must be a run's folder, or give best=<a comparison's folder>, not both"
+    check((run is None) != (best is None), "run", run, allowed=allowed)
+    return run_chosen_by(best) if best else open_run(Path(run or ""))
 
 
 def open_run(folder: Path) -> Run:
@@ -91,7 +97,7 @@ def open_run(folder: Path) -> Run:
     return read_run(folder)
 
 
-def chosen_run(comparison: Path) -> Run:
+def run_chosen_by(comparison: Path) -> Run:
     """Return the run that a comparison has chosen by validation rows alone.
 
     Raises:
@@ -112,7 +118,7 @@ def chosen_run(comparison: Path) -> Run:
     return found
 
 
-def find_set(run: Run) -> Dataset:
+def set_of(run: Run) -> Dataset:
     """Return the set that a run was trained on, from beside the run.
 
     Raises:

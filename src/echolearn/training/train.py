@@ -67,8 +67,7 @@ def train(
         classifier: makes it, unfitted; called only if the run is not finished yet.
         config: what `classifier` is made from, as plain containers; part of the run's identity.
         runs: folder of everything generated.
-        folds: number of folds of a cross-validation on all that is not for testing (the paper has
-            5); 0 for none.
+        folds: folds of a cross-validation on all that is not for testing (the paper has 5), or 0.
         command: what makes the run again, for its metrics; None says nothing about it.
 
     Returns:
@@ -81,36 +80,21 @@ def train(
     check_name("name", name)
     allowed = "must be 0 (no cross-validation) or from 2 to 20"
     check(folds in (0, *range(2, 21)), "folds", folds, allowed=allowed)
-    identity = {
-        "format": FORMAT,
-        "name": name,
-        "classifier": dict(config),
-        "problem": problem.identity(),
-        "folds": folds,
-    }
+    about = {"format": FORMAT, "name": name, "classifier": dict(config), "folds": folds}
+    identity = about | {"problem": problem.identity()}
     title = f"{name}-{problem.dataset.name}-s{problem.seed}"
     folder = Path(runs) / "train" / f"{title}-{digest(identity)}"
-    found = finished_metrics(folder, identity)
+    finished = partial(finished_metrics, folder, identity)
+    found = finished()
     if found is not None:
         return found
 
     # What is wrong with the classifier or the set is told before anything is written.
-    model = classifier()
-    problem.inputs(model.inputs)
+    problem.inputs(classifier().inputs)
     problem.parts()
-
-    finished = partial(finished_metrics, folder, identity)
-    make = partial(
-        make_run,
-        problem,
-        model,
-        classifier=classifier,
-        identity=identity,
-        folder=folder,
-        command=command,
-    )
     from echolearn.training.tensorboard import writable
 
+    make = partial(make_run, problem, classifier, identity=identity, folder=folder, command=command)
     with writable(folder):
         return once(folder, finished=finished, make=make, doing="trains this run")
 
@@ -135,9 +119,8 @@ def finished_metrics(folder: Path, identity: Mapping[str, Any]) -> Metrics | Non
 
 def make_run(
     problem: LearningProblem,
-    model: Classifier,
-    *,
     classifier: Callable[[], Classifier],
+    *,
     identity: Mapping[str, Any],
     folder: Path,
     command: str | None,
@@ -146,8 +129,7 @@ def make_run(
 
     Args:
         problem: what to learn from which rows.
-        model: classifier, unfitted.
-        classifier: makes another one for each fold of a cross-validation.
+        classifier: makes it, unfitted.
         identity: what the run is made from, for `config.json`.
         folder: folder of the run; what an interrupted command has left there goes.
         command: what makes the run again, or None.
@@ -156,13 +138,11 @@ def make_run(
     shutil.rmtree(folder, ignore_errors=True)
     files.save_json(folder / CONFIG, identity)
     parts = problem.parts()
-    fitted = fit_calibrated(model, problem, parts=parts, folder=folder)
-    seconds = {"fit": round(time.monotonic() - began, 3)}
+    fitted = fit_calibrated(classifier(), problem, parts=parts, folder=folder)
+    fitting = time.monotonic() - began
 
-    x = problem.inputs(model.inputs)
-    y = problem.labels()
-    confidence = fitted.confidence(x.part(parts.test))
-    held = fitted.confidence(x.part(parts.validation))
+    x = problem.inputs(fitted.classifier.inputs)
+    folds = identity["folds"]
     result = {
         "run": folder.name,
         "format": FORMAT,
@@ -171,20 +151,19 @@ def make_run(
         **manifests.command_entry(command),
         **facts_of(fitted),
         "rows": {part: len(rows) for part, rows in parts._asdict().items()},
-        "cross_validation": cross_validate(
-            classifier, problem, folds=identity["folds"], folder=folder
-        ),
+        "cross_validation": cross_validate(problem, classifier, folds=folds, folder=folder),
         "model": write_model(fitted, x.part(parts.test), folder=folder),
-        "validation": evaluate(y[parts.validation], held, threshold=fitted.threshold),
-        "test": evaluate(y[parts.test], confidence, threshold=fitted.threshold),
+        "validation": evaluate_rows(fitted, problem, rows=parts.validation),
+        "test": evaluate_rows(fitted, problem, rows=parts.test),
     }
     from echolearn.training.tensorboard import write_events
 
-    shown = {"reference": y[parts.test], "confidence": confidence}
+    confidence = fitted.confidence(x.part(parts.test))
+    shown = {"reference": problem.labels()[parts.test], "confidence": confidence}
     write_events(folder, identity=identity, result=result, **shown)
-    seconds["total"] = round(time.monotonic() - began, 3)
-    files.save_json(folder / "timing.json", seconds)
-    _report(result, seconds["total"])
+    total = time.monotonic() - began
+    files.save_json(folder / "timing.json", {"fit": round(fitting, 3), "total": round(total, 3)})
+    _report(result, total)
     return manifests.finish(folder, result, [CONFIG, MODEL], last=manifests.METRICS)
 
 
@@ -228,40 +207,40 @@ def facts_of(fitted: Calibrated) -> Metrics:
     }
 
 
-def evaluate(reference: Array, confidence: Array, *, threshold: float) -> dict[str, float | None]:
-    """Return every metric of labels; those without a value are None.
+def evaluate_rows(
+    fitted: Calibrated, problem: LearningProblem, *, rows: Array
+) -> dict[str, float | None]:
+    """Return every metric of labels on some rows; those without a value are None.
 
     Args:
-        reference: labels, shape (B,).
-        confidence: 0 to 1, shape (B,).
-        threshold: confidence from which a row is kept.
+        fitted: classifier with its calibration.
+        problem: what it has learned.
+        rows: numbers of rows of the problem's set, shape (B,).
     """
-    values = metrics.evaluate_labels(reference, confidence, threshold=threshold)
+    confidence = fitted.confidence(problem.inputs(fitted.classifier.inputs).part(rows))
+    reference = problem.labels()[rows]
+    values = metrics.evaluate_labels(reference, confidence, threshold=fitted.threshold)
     return {name: float(value) if math.isfinite(value) else None for name, value in values.items()}
 
 
 def cross_validate(
-    classifier: Callable[[], Classifier], problem: LearningProblem, *, folds: int, folder: Path
+    problem: LearningProblem, classifier: Callable[[], Classifier], *, folds: int, folder: Path
 ) -> Metrics | None:
     """Return mean and standard deviation of each metric over folds; None if there are no folds.
 
     Args:
-        classifier: makes an unfitted one for each fold.
         problem: what to learn; its test rows are not looked at.
+        classifier: makes an unfitted one for each fold.
         folds: number of folds.
         folder: folder of the run, in which each fold has a temporary one.
     """
     if not folds:
         return None
-    y = problem.labels()
     scores = []
     for parts in problem.folds(folds):
-        model = classifier()
-        x = problem.inputs(model.inputs)
         with TemporaryDirectory(dir=folder) as place:
-            fitted = fit_calibrated(model, problem, parts=parts, folder=Path(place))
-        confidence = fitted.confidence(x.part(parts.test))
-        scores.append(evaluate(y[parts.test], confidence, threshold=fitted.threshold))
+            fitted = fit_calibrated(classifier(), problem, parts=parts, folder=Path(place))
+        scores.append(evaluate_rows(fitted, problem, rows=parts.test))
     result = {}
     for name in scores[0]:
         values = np.array([score[name] for score in scores], dtype=float)

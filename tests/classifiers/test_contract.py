@@ -1,0 +1,186 @@
+"""One contract for every configuration of a classifier, found by glob."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from echolearn.acoustics.types import Array
+from echolearn.checks import BadValue
+from echolearn.classifiers import inference, onnx_export
+from echolearn.classifiers.calibration import Calibrated, calibrate
+from echolearn.classifiers.inputs import view_of
+from echolearn.cli import config
+from echolearn.evaluation.metrics import auc
+
+NAMES = sorted(path.stem for path in (config.folder() / "classifier").glob("*.yaml"))
+QUICK = {
+    "Network": {"epochs": 12, "patience": 12, "batch_size": 32, "lr": 5e-3},
+    "Svm": {"c_grid": [1.0, 10.0], "gamma_grid": [0.01, 0.1]},
+    "Trees": {"iterations": 25, "min_leaf": 5},
+}
+
+
+def plain(name: str) -> dict[str, Any]:
+    """Return a classifier's configuration as the command line composes it."""
+    with initialize_config_dir(str(config.folder()), version_base=None):
+        composed = compose(overrides=[f"+classifier={name}"])
+    return OmegaConf.to_container(composed, resolve=True)["classifier"]  # type: ignore[return-value, index]
+
+
+def quick(name: str) -> Any:
+    """Build a classifier with settings for small problems."""
+    keys = plain(name)
+    return config.build(keys | QUICK.get(keys["_target_"].rpartition(".")[2], {}))
+
+
+def problem(inputs: tuple[str, ...], *, rows: int, seed: int) -> tuple[Array, Array]:
+    """Draw rows whose every entry tells a little, in units of very different size."""
+    rng = np.random.default_rng(seed)
+    y = rng.random(rows) < 0.5
+    shape = (4, 36) if view_of(inputs) == "covariance" else (len(inputs),)
+    push = 0.5 if len(shape) == 2 else 2.2
+    scale = 10.0 ** np.linspace(-3, 2, shape[-1])
+    x = rng.normal(size=(rows, *shape)) + push * y.reshape(-1, *[1] * len(shape))
+    return (x * scale + scale).astype(np.float32), y
+
+
+def learn(model: Any, folder: Path) -> Any:
+    """Fit on 240 rows, two for each position."""
+    x, y = problem(model.inputs, rows=240, seed=0)
+    held = problem(model.inputs, rows=80, seed=1)
+    return model.fit(x, y, groups=np.arange(240) // 2, validation=held, folder=folder, seed=3)
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def folder(name: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp(name)
+
+
+@pytest.fixture(scope="module")
+def fitted(name: str, folder: Path) -> Any:
+    return learn(quick(name), folder)
+
+
+@pytest.fixture(scope="module")
+def calibrated(fitted: Any) -> Calibrated:
+    return calibrate(fitted, *problem(fitted.inputs, rows=80, seed=1))
+
+
+@pytest.fixture(scope="module")
+def exported(calibrated: Calibrated) -> onnx_export.ProvedModel:
+    x = problem(calibrated.classifier.inputs, rows=50, seed=2)[0]
+    return onnx_export.export_proved(calibrated, x)
+
+
+def test_the_configurations_of_the_plan_are_there() -> None:
+    columns = {
+        "svm_pair": ["toa", "power"],
+        "svm_score_power": ["score", "power"],
+        "threshold_peak": ["peak_to_rms"],
+    }
+    assert all(plain(name)["inputs"] == inputs for name, inputs in columns.items())
+    wide = [plain(f"{method}_features")["inputs"] for method in ("svm", "trees", "mlp")]
+    assert wide[0] == wide[1] == wide[2] and len(wide[0]) == 11
+    assert not {"toa", "power", "gain", "azimuth"} & {*wide[0]}
+    tensors = {plain(name)["inputs"][0] for name in NAMES if name.startswith("covnet")}
+    assert tensors == {"covariance", "covariance_gated", "covariance_steered"}
+
+
+def test_configuration_is_a_call_that_can_be_made_as_it_stands(name: str) -> None:
+    text = (config.folder() / "classifier" / f"{name}.yaml").read_text()
+    assert text.startswith("_target_: echolearn.classifiers.methods.")
+    view = "covariance" if "covnet" in name else "features"
+    assert view_of(config.build(plain(name)).inputs) == view
+
+
+def test_separates_unseen_rows(fitted: Any) -> None:
+    x, y = problem(fitted.inputs, rows=300, seed=2)
+    decision = fitted.decision(x)
+    assert decision.shape == (300,) and decision.dtype == np.float64
+    assert auc(y, decision) > 0.9
+
+
+def test_same_seed_same_file(
+    name: str, calibrated: Calibrated, exported: onnx_export.ProvedModel, tmp_path: Path
+) -> None:
+    """Equal classifiers give equal bytes, and leave the global random states alone."""
+    before = (torch.get_rng_state(), np.random.get_state()[1].copy())
+    again = learn(quick(name), tmp_path)
+    assert torch.equal(before[0], torch.get_rng_state())
+    assert (before[1] == np.random.get_state()[1]).all()
+    x, y = problem(again.inputs, rows=80, seed=1)
+    assert np.array_equal(again.decision(x), calibrated.classifier.decision(x))
+    module = onnx_export.Confidence(calibrate(again, x, y))
+    assert onnx_export.to_onnx(module, shape=x.shape[1:]) == exported.data
+
+
+def test_file_computes_the_same_confidences(
+    calibrated: Calibrated, exported: onnx_export.ProvedModel
+) -> None:
+    assert exported.trials >= 10_000 and exported.parity <= 1e-5
+    x = problem(calibrated.classifier.inputs, rows=5000, seed=5)[0]
+    x = np.concatenate([x, *onnx_export.strange(x, 5000)])
+    assert len(x) == 10_000 and np.isfinite(x).all()
+    largest = float(np.finfo(np.float32).max)
+    assert {0.0, largest, -largest} <= {*x.reshape(len(x), -1)[:, 0].tolist()}
+    difference = np.abs(inference.open_onnx(exported.data)(x) - calibrated.confidence(x))
+    assert np.isfinite(difference).all() and difference.max() <= 1e-5
+
+
+def test_any_batch(fitted: Any, exported: onnx_export.ProvedModel) -> None:
+    x = problem(fitted.inputs, rows=inference.BLOCK + 1, seed=6)[0]
+    score = inference.open_onnx(exported.data)
+    whole = score(x)
+    assert whole.shape == (len(x),) and score(x[:0]).shape == (0,)
+    parts = np.concatenate([score(x[:1]), score(x[1:8])])
+    np.testing.assert_allclose(parts, whole[:8], atol=1e-6)
+
+
+def test_file_holds_plain_operations_and_no_traces(exported: onnx_export.ProvedModel) -> None:
+    """Whatever reads operator set 13 reads it: one file, ONNX's own operators, no paths."""
+    model = onnx.load_from_string(exported.data)
+    onnx.checker.check_model(model, full_check=True)
+    [x], [confidence] = model.graph.input, model.graph.output
+    assert (x.name, confidence.name) == ("x", "confidence")
+    [opset] = model.opset_import
+    assert (opset.domain, opset.version, model.ir_version) == ("", 13, 7)
+    assert not model.functions and not any(t.data_location for t in model.graph.initializer)
+    assert not model.producer_version and b".py" not in exported.data
+
+
+def test_leaves_nothing_that_needs_unpickling(fitted: Any, folder: Path) -> None:
+    for path in (path for path in folder.rglob("*") if path.is_file()):
+        assert path.suffix in (".csv", ".yaml", ".ckpt") or "tfevents" in path.name
+        if path.suffix == ".ckpt":
+            torch.load(path, weights_only=True)
+
+
+def test_float64_inputs_are_rounded_first(fitted: Any) -> None:
+    x = problem(fitted.inputs, rows=40, seed=7)[0]
+    near = x.astype(float) * (1 + 1e-9)
+    np.testing.assert_array_equal(fitted.decision(near), fitted.decision(x))
+
+
+def test_what_cannot_be_learned_from_is_refused(name: str, fitted: Any, tmp_path: Path) -> None:
+    x, y = problem(fitted.inputs, rows=60, seed=7)
+    ones = np.ones_like(y)
+    given = {"groups": np.arange(60), "validation": (x, y), "folder": tmp_path, "seed": 0}
+    with pytest.raises(BadValue, match="both classes"):
+        quick(name).fit(x, ones, **given)
+    with pytest.raises(BadValue, match=r"x\.shape"):
+        fitted.decision(np.zeros((3, 2)) if x.ndim == 3 else np.zeros((3, 5, 36)))
+    far = x.astype(float)
+    far[2, 0] = 1e300
+    with pytest.raises(BadValue, match=f"{fitted.inputs[0]}=.*row 2"):
+        fitted.decision(far)
