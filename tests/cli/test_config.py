@@ -12,7 +12,7 @@ from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue, suggest
 from echolearn.cli.compose import compose, dotted
 from echolearn.cli.config import UsageError, build, folder
-from echolearn.cli.words import plain_config as plainly
+from echolearn.cli.words import plain_config
 
 ROOM = {"_target_": "echolearn.acoustics.types.Room", "size": [5.0, 4.0, 3.0], "t60": 0.4}
 
@@ -183,8 +183,8 @@ def test_unresolved_configurations_show_where_values_come_from() -> None:
         ("plan=zzz", "known are .*tiny"),
         ("+new=1", "there is no key new"),
         ("++new=1", "there is no key new"),
-        ("~runs", "keys are set, not deleted; runs cannot be null either"),
-        ("~plan.sdnr_db", "keys are set, not deleted; set it to null"),
+        ("~runs", "keys are set, runs=value, not deleted$"),
+        ("~plan.sdnr_db", "keys are set, plan.sdnr_db=value, not deleted$"),
         ("~nothing", "there is no key nothing"),
         ("runs=a,b", "several values need -m"),
         ("plan=[", "cannot be read; are quotes or brackets missing?"),
@@ -198,7 +198,7 @@ def test_unresolved_configurations_show_where_values_come_from() -> None:
     ],
 )
 def test_slips_are_refused(word: str, said: str) -> None:
-    with pytest.raises(UsageError, match=said.replace("?", r"\?").replace("$", r"\$")):
+    with pytest.raises(UsageError, match=said.replace("?", r"\?").replace("${", r"\${")):
         compose("generate", [word])
 
 
@@ -239,7 +239,7 @@ def test_the_folder_of_configurations_is_absolute() -> None:
         ("generate", "plan.room=null", "plan.room=null: plan.room cannot be null"),
         ("generate", "window=null", "window cannot be null"),
         ("generate", "runs=null", "runs cannot be null"),
-        ("generate", "plan=null", "plan=null: plan cannot be left out; it is one of"),
+        ("generate", "plan=null", "plan=null: plan cannot be left out; it must be one of"),
     ],
 )
 def test_what_must_be_there_is_not_set_to_null(command: str, word: str, message: str) -> None:
@@ -269,7 +269,7 @@ def test_a_localizer_is_left_out_as_the_refusals_advise(
 ) -> None:
     words, name = [f"experiment={experiment}"] if experiment else [], key.partition(".")[2]
     for slip, said in (
-        (f"~{key}", "keys are set, not deleted"),
+        (f"~{key}", f"keys are set, {key}=value, not deleted"),
         (f"{key}=null", f"{key} cannot be null"),
     ):
         with pytest.raises(UsageError) as refused:
@@ -288,7 +288,8 @@ def test_all_localizers_can_be_left_out_but_no_plan() -> None:
     [(_, config)] = compose("compare", [f"localizer@localizers.{name}=null" for name in names])
     assert not config["localizers"]
     with pytest.raises(
-        UsageError, match="^plan@growing=null: plan@growing cannot be left out; it is one of .*tiny"
+        UsageError,
+        match="^plan@growing=null: plan@growing cannot be left out; it must be one of .*tiny",
     ):
         compose("bench", ["plan@growing=null"])
 
@@ -299,53 +300,104 @@ def test_a_call_without_keys_says_so() -> None:
         build(config["rir"], "rir")
 
 
-# ---------------------------------------------------------------- names, paths, and the command line of a robot
+# ---------------------------------------------------------------- names, and a robot without Hydra
 
 
-@pytest.mark.parametrize("read", [one, plainly])
-def test_names_and_paths_may_look_like_numbers(read: Callable[..., dict[str, Any]]) -> None:
-    words = ["survey=2026", "bundle=007", "name=-5"]
-    found = read("map", *words) if read is one else read("map", words)
-    assert [found[key] for key in ("survey", "bundle", "name", "runs")] == [
-        "2026",
-        "007",
-        "-5",
-        "runs",
-    ]
+def with_hydra(command: str, *words: str) -> dict[str, Any]:
+    return one(command, *words)
 
 
-@pytest.mark.parametrize("word", ["runs=[a]", "runs=1.5", "survey=true", "bundle={a:1}"])
-@pytest.mark.parametrize("hydra", [True, False])
-def test_what_is_no_path_is_refused(word: str, hydra: bool) -> None:
-    with pytest.raises(BadValue, match=r"^(runs|survey|bundle)=.*: a path; quote it twice"):
-        compose("map", [word]) if hydra else plainly("map", [word])
-    with pytest.raises(BadValue, match=r"^name=\['a'\]: a name; quote"):
-        compose("map", ["name=[a]"]) if hydra else plainly("map", ["name=[a]"])
+def without_hydra(command: str, *words: str) -> dict[str, Any]:
+    return plain_config(command, words)
 
 
-WORDS = """
-    true TRUE False yes no on off null NULL 0 5 -5 +5 1_000 1e-1 1E3 .5 2. 0.25 inf -nan 010 0x10 12:30
-    2026-01-01 1e 1__0 a ./x 'a' "5" [1,2] [] e i
-""".split()
+BOTH = pytest.mark.parametrize("read", [with_hydra, without_hydra])
+Read = Callable[..., dict[str, Any]]
 
 
-@pytest.mark.parametrize("word", [*WORDS, "", " 5 ", "'a b'"])
-def test_a_plain_command_line_reads_words_as_hydra_does(word: str) -> None:
-    hydras, ours = one("map", f"resolution={word}"), plainly("map", [f"resolution={word}"])
-    assert repr(ours["resolution"]) == repr(hydras["resolution"])
+@BOTH
+@pytest.mark.parametrize(
+    "text", ["2024_01_15", "007", "1e3", "-5", "1.50", "true", "nan", "a b", ""]
+)
+def test_a_name_is_what_was_typed(read: Read, text: str) -> None:
+    found = read("map", *[f"{key}={text}" for key in ("survey", "bundle", "name", "runs")])
+    assert {found[key] for key in ("survey", "bundle", "name", "runs")} == {text}
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("word", "value"),
+    [
+        ("resolution=5", 5),
+        ("resolution=1e-1", 0.1),
+        ("resolution=.5", 0.5),
+        ("resolution=-1_000", -1000),
+        ("resolution=inf", float("inf")),
+        ("resample=TRUE", True),
+        ("ros=false", False),
+        ("direct=fitted", "fitted"),
+        ("direct=null", None),
+        ("name=null", None),
+        ("name='null'", "null"),
+        ("survey='(a), b'", "(a), b"),
+        ('survey="007"', "007"),
+    ],
+)
+def test_other_values_are_typed_by_their_default(read: Read, word: str, value: object) -> None:
+    found = read("map", word)[word.partition("=")[0]]
+    assert (found, type(found)) == (value, type(value))
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("runs=null", "runs=null: runs cannot be null"),
+        ("resampel=1", "resampel=1: there is no key resampel; did you mean resample"),
+        ("survey", "survey: cannot be read; it is no key=value"),
+    ],
+)
+def test_slips_are_the_same_with_hydra_and_without(read: Read, word: str, said: str) -> None:
+    with pytest.raises(UsageError, match=f"^{said}"):
+        read("map", word)
 
 
 @pytest.mark.parametrize(
     ("word", "said"),
     [
-        ("runs=null", "runs=null: runs cannot be null"),
-        ("resolution=[1", r"resolution=\[1: cannot be read; are quotes or brackets missing"),
-        ("resampel=1", "resampel=1: there is no key resampel; did you mean resample"),
+        ("resolution=wide", "resolution=wide: must be a number"),
+        ("resolution=[1]", r"resolution=\[1\]: must be a number"),
+        ("ros=1", "ros=1: must be true or false"),
     ],
 )
-def test_a_plain_command_line_refuses_slips(word: str, said: str) -> None:
-    with pytest.raises(UsageError, match=said):
-        plainly("map", [word])
+def test_a_value_of_another_type_is_refused_without_hydra(word: str, said: str) -> None:
+    with pytest.raises(UsageError, match=f"^{said}$"):
+        plain_config("map", [word])
+
+
+def test_without_hydra_only_commands_of_one_file_work() -> None:
+    with pytest.raises(UsageError, match=r"^train: needs more than .*echolearn\[lab\]"):
+        plain_config("train", [])
+
+
+def test_swept_names_are_what_was_typed_and_so_are_names_of_plans() -> None:
+    jobs = compose("generate", ["plan.name=2024_01_15,007, 1e3", "plan.seed=1,2"], many=True)
+    assert [config["plan"]["name"] for _, config in jobs[::2]] == ["2024_01_15", "007", "1e3"]
+    assert jobs[2][0] == "plan.name=007 plan.seed=1"
+    assert jobs[2][1]["command"] == "echolearn generate plan.name=007 plan.seed=1"
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("runs=[a]", r"runs=\['a'\]: must be a path; quote it twice"),
+        ("bundle={a:1}", r"bundle=\{'a': 1\}: must be a path"),
+        ("name=[a]", r"name=\['a'\]: must be a name"),
+    ],
+)
+def test_what_is_no_text_is_no_name(word: str, said: str) -> None:
+    with pytest.raises(BadValue, match=f"^{said}"):
+        compose("map", [word])
 
 
 @pytest.mark.parametrize("path", ["s/küche", "s/x'y", "s/a=b", "s/(a)", "~/x", "a;b", "a#b"])
@@ -354,17 +406,12 @@ def test_paths_that_hydra_cannot_read_are_quoted_twice(path: str) -> None:
         compose("map", [f"survey={path}"])
     said, _, advice = str(refused.value).partition("; quote it twice: ")
     assert said == f"survey={path}: cannot be read"
-    assert (
-        one("map", *shlex.split(advice))["survey"]
-        == plainly("map", [f"survey={path}"])["survey"]
-        == path
-    )
+    assert one("map", *shlex.split(advice))["survey"] == path
+    assert without_hydra("map", f"survey={path}")["survey"] == path
 
 
-@pytest.mark.parametrize("word", ["survey=[a", "survey={a", 'survey=a"b', "survey", "'"])
+@pytest.mark.parametrize("word", ["survey=[a", "survey={a", 'survey=a"b', "'"])
 def test_words_that_hydra_cannot_read_are_one_plain_line(word: str) -> None:
-    with pytest.raises(
-        UsageError,
-        match=r": cannot be read; (are quotes or brackets missing\?|it is no key=value)$",
-    ):
+    said = r": cannot be read; (are quotes or brackets missing\?|it is no key=value)$"
+    with pytest.raises(UsageError, match=said):
         compose("map", [word])

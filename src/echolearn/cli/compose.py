@@ -208,13 +208,13 @@ def _set(config: "DictConfig", override: "Override", known: Sequence[str]) -> No
     value = override.value()
     refusal = ""
     if override.type == OverrideType.DEL:
-        refusal = "keys are set, not deleted"
+        refusal = f"keys are set, {key}=value, not deleted"
     elif value is None and isinstance(default, str | DictConfig):
         refusal = f"{key} cannot be null"
     if refusal:
         group = f"localizer@{key}"
-        advice = f"leave it out by {group}=null" if group in config.choice else f"as in {key}=..."
-        raise UsageError(f"{word}: {refusal}; {advice}")
+        advice = f"; leave it out by {group}=null" if group in config.choice else ""
+        raise UsageError(f"{word}: {refusal}{advice}")
 
     # A name that looks like a number stays what was typed.
     if isinstance(value, int | float) and (key in TEXTS or isinstance(default, str)):

@@ -1,5 +1,6 @@
-"""How far long work has come: a bar on a terminal, a plain line now and then elsewhere; always on
-stderr.
+"""How far long work has come: a bar on a terminal, elsewhere a plain line now and then.
+
+Both are written to stderr, so that stdout holds results alone.
 """
 
 import sys
@@ -23,17 +24,18 @@ def track(
         items: what remains to be worked through; an item counts when the next one is asked for.
         title: what is being done.
         total: how many there are in all; needed where `items` has no length.
-        unit: what the items are called.
-        done: how many of them were finished earlier.
+        unit: name of the items.
+        done: number of them that were finished earlier.
     """
     total = done + len(items) if total is None else total  # type: ignore[arg-type]
-    show = bar if sys.stderr.isatty() and find_spec("rich") else lines
+    show = _bar if sys.stderr.isatty() and find_spec("rich") else _lines
     return show(items, title, total=total, unit=unit, done=done)
 
 
-def bar(items: Iterable[T], title: str, *, total: int, unit: str, done: int) -> Iterator[T]:
-    """Draw a bar that moves with every item; without a thread that redraws it, so that the process
-    can be forked.
+def _bar(items: Iterable[T], title: str, *, total: int, unit: str, done: int) -> Iterator[T]:
+    """Draw a bar that moves with every item.
+
+    No thread redraws it, so that the process can be forked.
     """
     from rich.console import Console
     from rich.progress import (
@@ -44,14 +46,15 @@ def bar(items: Iterable[T], title: str, *, total: int, unit: str, done: int) -> 
         TimeRemainingColumn,
     )
 
-    columns = (
+    with Progress(
         TextColumn(title),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn(unit),
         TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
+        console=Console(stderr=True),
+        auto_refresh=False,
+    ) as progress:
         task = progress.add_task(title, completed=done, total=total)
         progress.refresh()
         for item in items:
@@ -60,7 +63,7 @@ def bar(items: Iterable[T], title: str, *, total: int, unit: str, done: int) -> 
             progress.refresh()
 
 
-def lines(items: Iterable[T], title: str, *, total: int, unit: str, done: int) -> Iterator[T]:
+def _lines(items: Iterable[T], title: str, *, total: int, unit: str, done: int) -> Iterator[T]:
     """Write a line whenever `PAUSE` seconds have passed, and one at the end."""
     last = time.monotonic()
     for number, item in enumerate(items, done + 1):

@@ -1,6 +1,7 @@
 """How times are taken: contestants run in turns, and are compared lap by lap.
 
-    lap i: every contestant once, first the one that was second in lap i - 1;   ratio_i = t_i / t_i of the reference
+    lap i: every contestant once, first the one that was second in lap i - 1
+    ratio_i = t_i / t_i of the reference
 
 What slows a machine down for a while slows all contestants of those laps, so the ratios hold where
 the times do not. Of times and of ratios the median over laps is reported, with quartiles (Hyndman
@@ -45,8 +46,8 @@ class Contestant:
 
     Attributes:
         work: one call of it.
-        units: of work that a call does; laps are seconds per unit.
-        warm: call it once before the first lap, which whole processes do not need.
+        units: amount of work that a call does; laps are seconds per unit.
+        warm: whether to call it before the first lap, which whole processes do not need.
     """
 
     work: Callable[[], object]
@@ -56,8 +57,8 @@ class Contestant:
 
 def spread(values: Sequence[float]) -> Spread:
     """Return median and quartiles of values (n,)."""
-    q1, median, q3 = np.quantile(np.asarray(values, dtype=float), [0.25, 0.5, 0.75])
-    return Spread(float(median), float(q1), float(q3))
+    q1, median, q3 = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
+    return Spread(median, q1, q3)
 
 
 def ratios(values: Sequence[float], reference: Sequence[float]) -> Spread:
@@ -78,7 +79,8 @@ def cpu_seconds() -> float:
 
 def lap(contestant: Contestant, calls: int = 1) -> Lap:
     """Time so many calls; return seconds per unit of work."""
-    wall, cpu = time.perf_counter(), cpu_seconds()
+    cpu = cpu_seconds()
+    wall = time.perf_counter()
     for _ in range(calls):
         contestant.work()
     units = calls * contestant.units
@@ -108,12 +110,14 @@ def race(
         Each one's laps, the same number for all: lap i of one ran beside lap i of the others.
     """
     calls = {name: calls_per_lap(contestant) for name, contestant in contestants.items()}
-    order, taken = list(contestants), {name: list[Lap]() for name in contestants}
+    taken: dict[str, list[Lap]] = {name: [] for name in contestants}
+    order = list(contestants)
     began = time.perf_counter()
     for number in range(laps):
         if number >= least and time.perf_counter() - began > seconds:
             break
         for name in order:
             taken[name].append(lap(contestants[name], calls[name]))
+        # Whoever is first always finds the caches of the last: nobody is first twice in a row.
         order = order[1:] + order[:1]
     return taken

@@ -1,6 +1,4 @@
-"""Text that commands write into pages which people wrote, between two markers; all the rest of a
-page stays.
-"""
+"""Text that commands write into people's pages, between two markers; all the rest stays."""
 
 from pathlib import Path
 from typing import NamedTuple
