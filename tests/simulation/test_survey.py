@@ -190,7 +190,7 @@ def test_other_settings_under_the_same_name_are_refused(
         ({"start": 11.0}, "start=11.0 rad"),
         (
             {"room": Room((9.0, 3.0, 2.5), 0.2)},
-            "room.size=9 x 3 x 2.5 m: two sides of at least 3.1 m, for a walk 1.05 to 1.45 m from the walls",
+            "room.size=9 x 3 x 2.5 m: must have two sides of at least 3.1 m, for a walk 1.05 to 1.45 m from the walls",
         ),
     ],
 )
@@ -358,7 +358,7 @@ def test_noise_of_a_recording_too_short_is_refused_before_anything_is_written(
     second = Recorded(np.sin(np.arange(22050)).astype(np.float32), 22050.0)
     scene = replace(brief, diffuse=Diffuse(second))
     with pytest.raises(
-        BadValue, match=rf"^diffuse.source.path=1.00 s of sound: at least {least} s at once;"
+        BadValue, match=rf"^diffuse.source.path=1.00 s of sound: must be at least {least} s;"
     ):
         walk(tmp_path, scene=scene, sdnr_db=0.0, noise_seconds=seconds)
     assert not any(path.is_file() for path in tmp_path.rglob("*"))

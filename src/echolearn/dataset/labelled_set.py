@@ -1,6 +1,4 @@
-"""A finished set, read back: columns and tensors by name, from shards that were proved when it was
-opened.
-"""
+"""A finished set, read back: columns and tensors by name, from shards checked on opening."""
 
 from pathlib import Path
 
@@ -21,9 +19,8 @@ class Dataset:
     """A finished set, read from memory-mapped shards whose checksums were verified on opening.
 
     `dataset[name]` is a field of all rows, shape (B, ...); `dataset.gather(name, rows)` of some.
-    Shards are let go
-    after each look: their pages stay in the system's cache, but are no part of this process's
-        memory.
+    Shards are let go after each look: their pages stay in the system's cache, but are no part of
+    this process's memory.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -89,20 +86,20 @@ class Dataset:
         """
         known = self._shards[0].dtype
         if name not in (known.names or ()):
-            raise BadValue(
-                f"column={name}: one of {', '.join(known.names or ())}; does the set come from an older version?"
-            )
+            allowed = f"must be one of {', '.join(known.names or ())}"
+            raise BadValue(f"column={name}: {allowed}; does the set come from an older version?")
         found = np.empty((len(rows), *known[name].shape), dtype=known[name].base)
         order = np.argsort(rows, kind="stable")
         ordered = rows[order]
         inside = len(rows) == 0 or 0 <= ordered[0] <= ordered[-1] < len(self)
-        check(
-            inside, "rows", f"{ordered[:1]} to {ordered[-1:]}", allowed=f"from 0 to {len(self) - 1}"
-        )
-        stops = np.searchsorted(ordered, self._ends)
-        for index in np.flatnonzero(np.diff(stops, prepend=0)):
-            start = stops[index - 1] if index else 0
-            here, first = order[start : stops[index]], self._ends[index] - len(self._shards[index])
-            found[here] = self._shards[index][name][ordered[start : stops[index]] - first]
-            let_go(self._shards[index])
+        asked = f"{ordered[:1]} to {ordered[-1:]}"
+        check(inside, "rows", asked, allowed=f"must be from 0 to {len(self) - 1}")
+
+        # In their order the rows of one shard follow each other: it is mapped and let go once.
+        starts = self._ends - [len(shard) for shard in self._shards]
+        for shard, start, end in zip(self._shards, starts, self._ends, strict=True):
+            here = slice(*np.searchsorted(ordered, [start, end]))
+            if here.start < here.stop:
+                found[order[here]] = shard[name][ordered[here] - start]
+                let_go(shard)
         return found

@@ -1,7 +1,7 @@
 """Plans: where the robot stands for each row of a set, how loud the noise is, what it carries.
 
-A plan has `name`, `seed`, `window`, `scene`, `localizer`, `shard_rows`, a length and `spot(row,
-rng)`. `GridPlan` is the paper's regular grid; `ScatteredPlan` draws rooms, positions,
+A plan has `name`, `seed`, `role`, `window`, `scene`, `localizer`, `shard_rows`, a length and
+`spot(row, rng)`. `GridPlan` is the paper's regular grid; `ScatteredPlan` draws rooms, positions,
 reverberation, noise and gain at random. On a 0.5 m grid only three wall distances ever fall into
 the search window, so a classifier can memorise times of arrival instead of judging echoes;
 scattered positions leave nothing to memorise.
@@ -21,14 +21,20 @@ from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.scene import Scene
 
 ROLES = ("training", "grid", "test")
-"""What a set is for: `training`, what classifiers should be trained on; `grid`, positions on a grid,
-as in the paper, where few distances from the walls can be memorised; `test`, for tests alone."""
+"""What a set is for: `training` classifiers that are to be used; `grid`, positions on a grid as in
+the paper, where few distances from the walls can be memorised; `test` alone, never training."""
 
 
 @dataclass(frozen=True)
 class Spot:
-    """One observation to be made: where, how loud the noises are (None: absent), and which position
-    it belongs to.
+    """One observation to be made.
+
+    Attributes:
+        room: the room.
+        pose: where the robot stands in it.
+        levels: levels of the noises, and how many recordings are averaged.
+        group: number of the position, which several rows may share.
+        gain_db: gain of the recording.
     """
 
     room: Room
@@ -44,20 +50,20 @@ class GridPlan:
 
     Attributes:
         name: names the set's folder.
-        seed: of everything random in the set.
+        seed: seed of everything random in the set.
         room: the room.
-        step: of the grid, in m.
-        margin: from every wall to the grid, in m.
-        height: of a single layer in m, or None for layers at every step.
+        step: distance of neighbouring positions, in m.
+        margin: distance from every wall to the grid, in m.
+        height: height of a single layer in m, or None for layers at every step.
         snr_db: range of a uniform SNR per row, or None where `snr_levels` is given or there is no
             sensor noise.
-        snr_levels: SNRs that every position is heard at, or None.
+        snr_levels: SNRs at which every position is recorded, or None.
         window: where echoes are sought.
         scene: what the robot carries.
         localizer: estimates the echoes.
         shard_rows: rows stored in one file.
         sdnr_db: range of a uniform SDNR per row if the scene has diffuse noise, else None.
-        pings: how many recordings are averaged for each row; the levels are those of one.
+        pings: number of recordings averaged for each row; the levels are those of one.
         role: what the set is for, see `ROLES`; no row depends on it.
     """
 
@@ -78,26 +84,17 @@ class GridPlan:
     role: str = "grid"
 
     def __post_init__(self) -> None:
-        _check_common(self)
-        check_number(
-            "plan.step",
-            self.step,
-            low=0.01,
-            high=100.0,
-            unit="m",
-            hint="the paper's grid has 0.5 m",
-        )
+        hint = "the paper's grid has 0.5 m"
+        check_number("plan.step", self.step, low=0.01, high=100.0, unit="m", hint=hint)
         check_number("plan.margin", self.margin, low=0.0, high=min(self.room.size) / 2, unit="m")
         if self.height is not None:
             check_number("plan.height", self.height, low=0.0, high=self.room.size[2], unit="m")
         both = f"{self.snr_db}, plan.snr_levels={self.snr_levels}"
-        alone = self.snr_db is None or self.snr_levels is None
-        check(alone, "plan.snr_db", both, allowed="one of the two, the other null")
-        if self.snr_db is not None:
-            check_range("plan.snr_db", self.snr_db, low=-100.0, high=100.0, unit="dB")
+        single = self.snr_db is None or self.snr_levels is None
+        check(single, "plan.snr_db", both, allowed="must be null, or plan.snr_levels must be")
         for level in self.snr_levels or ():
             check_number("plan.snr_levels", level, low=-100.0, high=100.0, unit="dB")
-        _check_levels(self, self.snr_db or self.snr_levels)
+        _check_common(self, self.snr_levels)
         check_inside(self.room, Pose(self.positions[0]), array=self.scene.array)
 
     @cached_property
@@ -123,17 +120,16 @@ class GridPlan:
 
 @dataclass(frozen=True)
 class ScatteredPlan:
-    """Random positions and headings in random rooms: what classifiers should be trained and tested
-    on.
+    """Random positions and headings in random rooms: what classifiers should be trained on.
 
     Attributes:
         name: names the set's folder.
-        seed: of everything random in the set.
-        rows: observations; each has its own room and position.
+        seed: seed of everything random in the set.
+        rows: number of observations; each has its own room and position.
         size_low, size_high: room sizes are uniform between these, in m; equal for one room.
         t60: range in s.
         wall_factor: range of the factor on each wall's reflection coefficient.
-        margin: from every wall to the loudspeaker, in m.
+        margin: distance from every wall to the loudspeaker, in m.
         snr_db: range of a uniform SNR, or None for no sensor noise.
         gain_db: range of a uniform gain of the recording.
         window: where echoes are sought.
@@ -141,7 +137,7 @@ class ScatteredPlan:
         localizer: estimates the echoes.
         shard_rows: rows stored in one file.
         sdnr_db: range of a uniform SDNR if the scene has diffuse noise, else None.
-        pings: how many recordings are averaged for each row; the levels are those of one.
+        pings: number of recordings averaged for each row; the levels are those of one.
         role: what the set is for, see `ROLES`; no row depends on it.
     """
 
@@ -164,23 +160,21 @@ class ScatteredPlan:
     role: str = "training"
 
     def __post_init__(self) -> None:
-        _check_common(self)
         check_whole("plan.rows", self.rows, low=1)
-        check_list("plan.size_low", self.size_low, length=3, allowed="three lengths in m")
-        check_list("plan.size_high", self.size_high, length=3, allowed="three lengths in m")
-        for low, high in zip(self.size_low, self.size_high, strict=True):
-            check_range("plan.size_low", (low, high), low=0.5, high=200.0, unit="m")
-        check_range("plan.t60", self.t60, low=0.01, high=10.0, unit="s")
-        check_range("plan.wall_factor", self.wall_factor, low=0.0, high=1.0)
-        if self.snr_db is not None:
-            check_range("plan.snr_db", self.snr_db, low=-100.0, high=100.0, unit="dB")
-        _check_levels(self, self.snr_db)
-        check_range("plan.gain_db", self.gain_db, low=-100.0, high=100.0, unit="dB")
-        radius = self.scene.array.radius
-        hint = f"the array's radius is {radius:g} m"
-        check_number(
-            "plan.margin", self.margin, low=radius, high=min(self.size_low) / 2, unit="m", hint=hint
-        )
+        for name, size in (("size_low", self.size_low), ("size_high", self.size_high)):
+            check_list(f"plan.{name}", size, length=3, allowed="must be three lengths in m")
+        for limits in zip(self.size_low, self.size_high, strict=True):
+            _check_range("plan.size_low", limits, low=0.5, high=200.0, unit="m")
+        _check_range("plan.t60", self.t60, low=0.01, high=10.0, unit="s")
+        _check_range("plan.wall_factor", self.wall_factor, low=0.0, high=1.0)
+        _check_range("plan.gain_db", self.gain_db, low=-100.0, high=100.0, unit="dB")
+        _check_common(self)
+
+        # Wherever it turns, the array must stay inside the smallest room, and a room must exist.
+        low = self.scene.array.radius
+        hint = f"the array's radius is {low:g} m"
+        high = min(self.size_low) / 2
+        check_number("plan.margin", self.margin, low=low, high=high, unit="m", hint=hint)
         for size in (self.size_low, self.size_high):
             Room(size, self.t60[0])
 
@@ -202,43 +196,39 @@ class ScatteredPlan:
 Plan = GridPlan | ScatteredPlan
 
 
-def check_range(
+def _check_common(plan: Plan, snr_levels: Sequence[float] | None = None) -> None:
+    """Raise `BadValue` for what no plan can be."""
+    check_name("plan.name", plan.name)
+    check_whole("plan.seed", plan.seed, low=0)
+    check(plan.role in ROLES, "plan.role", plan.role, allowed=f"must be {' or '.join(ROLES)}")
+    check_whole("plan.shard_rows", plan.shard_rows, low=1, high=4096, unit="rows")
+    for name, limits in (("plan.snr_db", plan.snr_db), ("plan.sdnr_db", plan.sdnr_db)):
+        if limits is not None:
+            _check_range(name, limits, low=-100.0, high=100.0, unit="dB")
+
+    # One row speaks for all: either each has a noise at some level, or none has it.
+    snr_db, *_ = plan.snr_db or snr_levels or (None,)
+    sdnr_db, *_ = plan.sdnr_db or (None,)
+    try:
+        NoiseLevels(snr_db, sdnr_db, plan.pings).check_scene(plan.scene)
+    except BadValue as error:
+        raise BadValue(f"plan.{error}") from None
+    rate = plan.scene.probe.sample_rate
+    plan.window.lags(plan.scene.array, rate, speed_of_sound=plan.scene.speed_of_sound)
+
+
+def _check_range(
     name: str, limits: tuple[float, float], *, low: float, high: float, unit: str = ""
 ) -> None:
     """Raise `BadValue` unless `limits` are two ordered numbers within [low, high]."""
-    check_list(name, limits, length=2, allowed="two numbers, lowest first")
+    allowed = "must be two numbers, lowest first"
+    check_list(name, limits, length=2, allowed=allowed)
     for value in limits:
         check_number(name, value, low=low, high=high, unit=unit)
-    check(
-        limits[0] <= limits[1],
-        name,
-        list(limits),
-        allowed="two numbers, lowest first",
-        hint="are they swapped?",
-    )
+    ascending = limits[0] <= limits[1]
+    check(ascending, name, list(limits), allowed=allowed, hint="are they swapped?")
 
 
 def _uniform(limits: tuple[float, float] | None, rng: np.random.Generator) -> float | None:
     """Draw a number, or nothing where there are no limits."""
     return None if limits is None else rng.uniform(*limits)
-
-
-def _check_common(plan: Plan) -> None:
-    check_name("plan.name", plan.name)
-    check_whole("plan.seed", plan.seed, low=0)
-    check(plan.role in ROLES, "plan.role", plan.role, allowed=f"one of {', '.join(ROLES)}")
-    check_whole("plan.shard_rows", plan.shard_rows, low=1, high=4096, unit="rows")
-    if plan.sdnr_db is not None:
-        check_range("plan.sdnr_db", plan.sdnr_db, low=-100.0, high=100.0, unit="dB")
-    scene = plan.scene
-    rate = scene.probe.sample_rate
-    plan.window.lags(scene.array, rate, speed_of_sound=scene.speed_of_sound)
-
-
-def _check_levels(plan: Plan, snr_db: Sequence[float] | None) -> None:
-    """Raise `BadValue` unless the plan's noises fit its scene: one of its rows speaks for all."""
-    snr_db, sdnr_db = ((levels or (None,))[0] for levels in (snr_db, plan.sdnr_db))
-    try:
-        NoiseLevels(snr_db, sdnr_db, plan.pings).check_scene(plan.scene)
-    except BadValue as error:
-        raise BadValue(f"plan.{error}") from None

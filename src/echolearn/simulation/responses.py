@@ -1,6 +1,6 @@
 """Room impulse responses: engines of one interface, `echolearn.acoustics.types.Responder`.
 
-Every engine sums the mirror images of the source that are heard within the response (Allen and
+Every engine sums the mirror images of the source whose sound arrives within the response (Allen and
 Berkley 1979),
 
     h_m(n) = sum over images of g / (4 pi d_m) phi(n - d_m fs / c),
@@ -48,35 +48,27 @@ def check_placement(
     """
     check_number("sample_rate", sample_rate, low=1000.0, high=400_000.0, unit="Hz")
     check_speed("speed_of_sound", speed_of_sound)
-    check(np.shape(source) == (3,), "source", np.shape(source), allowed="shape (3,) in m")
+    allowed = "must have shape (3,), in m"
+    check(np.shape(source) == (3,), "source", np.shape(source), allowed=allowed)
     shape = np.shape(microphones)
-    check(
-        len(shape) == 2 and shape[1] == 3 and shape[0] > 0,
-        "microphones",
-        shape,
-        allowed="shape (M, 3) in m",
-    )
-    for name, points in (
-        ("source", np.atleast_2d(source)),
-        ("microphones", np.asarray(microphones)),
-    ):
-        inside = ((points >= 0) & (points <= np.array(room.size))).all(axis=1)
-        place = np.round(points[np.argmin(inside)], 3).tolist()
-        size = " x ".join(f"{length:g}" for length in room.size)
-        check(bool(inside.all()), name, f"{place} m", allowed=f"inside the {size} m room")
+    fits = len(shape) == 2 and shape[1] == 3 and shape[0] > 0
+    check(fits, "microphones", shape, allowed="must have shape (M, 3), in m")
+    _check_inside("source", np.atleast_2d(source), room)
+    _check_inside("microphones", np.asarray(microphones), room)
+
     nearest = float(np.linalg.norm(np.asarray(microphones) - np.asarray(source), axis=1).min())
-    check(
-        nearest > 1e-3,
-        "microphones",
-        f"{nearest:g} m from the source",
-        allowed="more than 0.001 m away from it",
-    )
+    allowed = "must be more than 0.001 m away from it"
+    check(nearest > 1e-3, "microphones", f"{nearest:g} m from the source", allowed=allowed)
+
     images = 4 / 3 * math.pi * (room.t60 * speed_of_sound) ** 3 / math.prod(room.size)
-    allowed = f"at most {MOST_IMAGES:.0e} images within T60, here {images:.1e}"
-    check(
-        images < MOST_IMAGES,
-        "room.t60",
-        f"{room.t60:g} s",
-        allowed=allowed,
-        hint="is the room that small?",
-    )
+    allowed = f"must give at most {MOST_IMAGES:.0e} images within T60, here {images:.1e}"
+    hint = "is the room that small?"
+    check(images < MOST_IMAGES, "room.t60", f"{room.t60:g} s", allowed=allowed, hint=hint)
+
+
+def _check_inside(name: str, points: Array, room: Room) -> None:
+    """Raise `BadValue` unless all points (P, 3) lie in the room."""
+    inside = ((points >= 0) & (points <= np.array(room.size))).all(axis=1)
+    place = np.round(points[np.argmin(inside)], 3).tolist()
+    size = " x ".join(f"{length:g}" for length in room.size)
+    check(bool(inside.all()), name, f"{place} m", allowed=f"must be inside the {size} m room")

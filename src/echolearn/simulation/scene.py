@@ -1,6 +1,4 @@
-"""What every observation of a robot shares: its microphones, its burst, the engine and the noises
-around it.
-"""
+"""What every observation of a robot shares: microphones, burst, engine for responses, noises."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -33,9 +31,9 @@ class Scene:
         array: microphones around the loudspeaker.
         probe: the known burst.
         rir: engine for room impulse responses.
-        noise: of each microphone for itself, at the SNR (f2).
+        noise: noise of each microphone for itself, at the SNR (f2).
         speed_of_sound: in m/s.
-        diffuse: a field of noise around the array, at the SDNR (f1), or None.
+        diffuse: field of noise around the array, at the SDNR (f1), or None.
     """
 
     array: MicArray

@@ -3,10 +3,10 @@
 The walk is a spiral in polar form around the room's middle,
 
     position(u) = middle + inward(u) r(theta) (cos theta, sin theta),   theta = start + 2 pi u,
-    r(theta) = (|cos theta / a|^8 + |sin theta / b|^8)^(-1/8),          (a, b) = room / 2 - margin(u),
+    r(theta) = (|cos theta / a|^8 + |sin theta / b|^8)^(-1/8),   (a, b) = room / 2 - margin(u),
 
 a rectangle with round corners. During the first turn inward = 1: the robot follows the walls,
-weaving between `clearance` and `clearance + weave` so that no wall keeps one distance (a constant
+weaving between `CLEARANCE` and `CLEARANCE + WEAVE` so that no wall keeps one distance (a constant
 TOA could be memorised). During the next two, inward(u) = 1 / (1 + ((u - 1) / 0.8)^2) takes it into
 the middle, where the larger rooms have no wall within 2 m and every echo in the search window is
 spurious.
@@ -19,77 +19,67 @@ import numpy as np
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.checks import check, check_number, check_whole
 
-WEAVES = 3.3
-"""Swings of the wall distance in one turn; not whole, so that opposite walls are passed
-differently."""
+CLEARANCE = 1.05
+"""Smallest distance from the walls that the first turn aims at, in m."""
 
+WEAVE = 0.4
+"""How far the first turn swings away from that, in m."""
+
+SWINGS = 3.3
+"""Swings in one turn; not whole, so that opposite walls are passed differently."""
 
 TURNS = 3.0
 """Length of the walk in turns around the middle; the first follows the walls."""
 
-
 FALL = 0.8
-"""Turns after which the spiral has fallen to half the size of the lap."""
+"""Turns after which the spiral has fallen to half the size of the first turn."""
+
+LEAST = 2 * (CLEARANCE + WEAVE + 0.1)
+"""Shortest side of a room that holds the margins to both walls, in m."""
 
 
-def trajectory(
-    room: Room,
-    *,
-    poses: int = 160,
-    clearance: float = 1.05,
-    weave: float = 0.4,
-    start: float = 0.6,
-    height: float | None = None,
-) -> list[Pose]:
-    """Walk along the walls, then into the middle of the room.
+def trajectory(room: Room, *, poses: int = 160, start: float = 0.6) -> list[Pose]:
+    """Walk along the walls, then into the middle of the room, at half its height.
 
     Args:
         room: a shoebox whose shorter side holds the margins to both walls.
-        poses: P, evenly spaced along the path.
-        clearance: smallest distance from the walls the lap aims at, in m.
-        weave: how far the lap swings away from that, in m.
+        poses: number P of poses, evenly spaced along the path.
         start: polar angle of the first pose, in rad; another start gives another walk.
-        height: of the loudspeaker, in m; half the room's height unless given.
 
     Returns:
         P poses, heading along the path's tangent.
 
     Raises:
-        BadValue: fewer than 2 poses, or margins or a height that the room cannot hold.
+        BadValue: fewer than 2 poses, or margins that the room cannot hold.
     """
-    height = room.size[2] / 2 if height is None else height
-    _check_walk(room, poses=poses, clearance=clearance, weave=weave, start=start, height=height)
-    dense = _spiral(room, clearance=clearance, weave=weave, start=start)
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
-    places = np.linspace(0.0, length[-1], poses)
-    x, y = (np.interp(places, length, column) for column in dense.T)
-    ahead_x, ahead_y = (
-        np.interp(places, length, column) for column in np.gradient(dense, length, axis=0).T
-    )
-    heading = np.arctan2(ahead_y, ahead_x)
-    return [Pose(np.array([x[i], y[i], height]), float(heading[i])) for i in range(poses)]
-
-
-def _check_walk(
-    room: Room, *, poses: int, clearance: float, weave: float, start: float, height: float
-) -> None:
     check_whole("poses", poses, low=2)
     check_number("start", start, low=-10.0, high=10.0, unit="rad")
-    check_number("weave", weave, low=0.0, high=100.0, unit="m")
-    check_number("clearance", clearance, low=0.1, high=100.0, unit="m")
-    least = 2 * (clearance + weave + 0.1)
-    shape = " x ".join(f"{length:g}" for length in room.size)
-    allowed = f"two sides of at least {least:g} m, for a walk {clearance:g} to {clearance + weave:g} m from the walls"
-    check(min(room.size[:2]) > least - 1e-9, "room.size", f"{shape} m", allowed=allowed)
-    ceiling = room.size[2] - 0.1
-    check_number("height", height, low=0.1, high=ceiling, unit="m", hint="is it below the ceiling?")
+    far = f"{CLEARANCE:g} to {CLEARANCE + WEAVE:g} m"
+    check(
+        min(room.size[:2]) > LEAST - 1e-9,
+        "room.size",
+        " x ".join(f"{side:g}" for side in room.size) + " m",
+        allowed=f"must have two sides of at least {LEAST:g} m, for a walk {far} from the walls",
+    )
+    path = _spiral(room, start)
+
+    # Even steps along the path, and the direction of its tangent there.
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    tangent = np.gradient(path, length, axis=0)
+    places = np.linspace(0.0, length[-1], poses)
+    x, y, ahead_x, ahead_y = (
+        np.interp(places, length, column) for column in np.hstack([path, tangent]).T
+    )
+    heading = np.arctan2(ahead_y, ahead_x)
+    positions = np.stack([x, y, np.full(poses, room.size[2] / 2)], axis=1)
+    return [Pose(place, float(turn)) for place, turn in zip(positions, heading, strict=True)]
 
 
-def _spiral(room: Room, *, clearance: float, weave: float, start: float) -> Array:
+def _spiral(room: Room, start: float) -> Array:
     """Return the path as a dense polyline, shape (30001, 2), in m."""
     turn = np.linspace(0.0, TURNS, 30_001)
     theta = start + 2 * math.pi * turn
-    margin = clearance + weave * np.sin(math.pi * WEAVES * turn) ** 2
+    margin = CLEARANCE + WEAVE * np.sin(math.pi * SWINGS * turn) ** 2
     inward = 1 / (1 + (np.maximum(turn - 1, 0.0) / FALL) ** 2)
     half = np.array(room.size[:2]) / 2
     toward = np.stack([np.cos(theta), np.sin(theta)], axis=-1)

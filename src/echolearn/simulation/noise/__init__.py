@@ -1,3 +1,1 @@
-"""Noises at the microphones: several implementations of `echolearn.acoustics.types.Noise`, one
-module each.
-"""
+"""Noises at the microphones: one module each, of one interface (`acoustics.types.Noise`)."""

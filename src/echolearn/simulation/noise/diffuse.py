@@ -1,13 +1,12 @@
-"""Diffuse noise from one channel: M successive stretches of it, mixed until microphones agree as in
-a diffuse field.
+"""Diffuse noise from one channel: M stretches of it, mixed until microphones agree as they should.
 
     x(f) = A(f) s(f),     A(f) A(f)^T = J(f),     J_pq(f) = J0(2 pi f d_pq / c)
 
 s are M stretches of one recording, as good as independent of each other; J is the coherence of a
 cylindrically isotropic field, sound from all sides in the plane, between microphones d_pq apart
 (Habets, Cohen and Gannot, "Generating nonstationary multisensor signals under a spatial coherence
-constraint", JASA 124(5), 2008). They factor J by Cholesky or eigenvalues, bin by bin; any A =
-J^(1/2) U with orthogonal U will do. Here U = 1: the principal root V sqrt(D) V^T is smooth over
+constraint", JASA 124(5), 2008). They factor J by Cholesky or eigenvalues, bin by bin; any
+A = J^(1/2) U with orthogonal U will do. Here U = 1: the principal root V sqrt(D) V^T is smooth over
 frequency whatever the order of the eigenvalues, treats all microphones alike, and is real, hence a
 short filter of phase zero. It acts in frames by overlap-add, so it is one linear filter that leaves
 no trace of the frames.
@@ -59,51 +58,57 @@ class Diffuse:
         drawn = self.source(
             length=len(array) * (length + self.frame), sample_rate=sample_rate, rng=rng
         )
-        segments = drawn.reshape(len(array), -1)
-        places = tuple(map(tuple, array.positions.tolist()))
-        root = mixing(
-            places, bins=self.frame + 1, sample_rate=sample_rate, speed_of_sound=self.speed_of_sound
+        root = _mixing(
+            tuple(map(tuple, array.positions.tolist())),
+            bins=self.frame + 1,
+            sample_rate=sample_rate,
+            speed_of_sound=self.speed_of_sound,
         )
-        heard = mix(segments, root)[:, self.frame // 2 :][:, :length]
-        return heard / np.sqrt(np.mean(np.square(heard)))
+        # What the filter makes of the silence before the first frame is left out.
+        field = mix(drawn.reshape(len(array), -1), root)[:, self.frame // 2 :][:, :length]
+        return field / np.sqrt(np.mean(np.square(field)))
 
 
 def coherence(places: Array, frequencies: Array, *, speed_of_sound: float) -> Array:
-    """Return J0(2 pi f d_pq / c) of microphones at `places` (M, 3), shape (F, M, M)."""
-    apart = np.linalg.norm(places[:, None] - places, axis=-1)
-    return j0(2 * np.pi * frequencies[:, None, None] * apart / speed_of_sound)
+    """Return the coherence J0(2 pi f d_pq / c), shape (F, M, M).
+
+    Args:
+        places: microphones, shape (M, 3), in m.
+        frequencies: in Hz, shape (F,).
+        speed_of_sound: in m/s.
+    """
+    distance = np.linalg.norm(places[:, None] - places, axis=-1)
+    return j0(2 * np.pi * frequencies[:, None, None] * distance / speed_of_sound)
 
 
 @lru_cache(maxsize=16)
-def mixing(
+def _mixing(
     places: Sequence[Sequence[float]], *, bins: int, sample_rate: float, speed_of_sound: float
 ) -> Array:
-    """Return the principal square roots of the coherence matrices, from 0 to the Nyquist frequency,
-    shape (F, M, M).
-    """
+    """Return principal square roots of the coherence from 0 to the Nyquist frequency, (F, M, M)."""
     frequencies = np.linspace(0.0, sample_rate / 2, bins)
-    values, vectors = np.linalg.eigh(
-        coherence(np.array(places), frequencies, speed_of_sound=speed_of_sound)
-    )
+    matrices = coherence(np.array(places), frequencies, speed_of_sound=speed_of_sound)
+    values, vectors = np.linalg.eigh(matrices)
     root = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None]) @ vectors.mT
+    # Every caller gets this array itself.
     root.setflags(write=False)
     return root
 
 
 def mix(segments: Array, root: Array) -> Array:
-    """Filter M signals (M, N) into M others by matrices (F, M, M) of F = frame + 1 bins, shape (M,
-    N).
-
-    Each frame is padded with half a frame of silence on either side, room for the filter's two
-    ends.
-    """
-    frame, (microphones, length) = len(root) - 1, segments.shape
+    """Filter M signals (M, N) into M others by matrices (F, M, M) of F = frame + 1 bins."""
+    frame = len(root) - 1
+    microphones, length = segments.shape
     frames = -(-length // frame)
+    whole = np.pad(segments, [(0, 0), (0, frames * frame - length)])
+
+    # Half a frame of silence on either side is room for the filter's two ends.
     blocks = np.zeros((microphones, frames, 2 * frame))
-    blocks[..., frame // 2 : frame // 2 + frame] = np.pad(
-        segments, [(0, 0), (0, frames * frame - length)]
-    ).reshape(microphones, frames, frame)
-    mixed = fft.irfft(np.moveaxis(root @ np.moveaxis(fft.rfft(blocks), -1, 0), 0, -1), 2 * frame)
+    blocks[..., frame // 2 : frame // 2 + frame] = whole.reshape(microphones, frames, frame)
+    spectra = np.moveaxis(fft.rfft(blocks), -1, 0)
+    mixed = fft.irfft(np.moveaxis(root @ spectra, 0, -1), 2 * frame)
+
+    # Overlap-add: the second half of a block lies on the first half of the next one.
     total = np.zeros((microphones, frames + 1, frame))
     total[:, :-1] += mixed[..., :frame]
     total[:, 1:] += mixed[..., frame:]

@@ -1,12 +1,10 @@
-"""Noise of sources at fixed places beside the microphones: a multirotor's own rotors at the ends of
-their arms.
+"""Noise of sources at fixed places beside the microphones: rotors at the ends of a robot's arms.
 
     x_m(t) = sum_q (1 / d_qm) s_q(t - d_qm / c)
 
 d_qm is the distance of source q from microphone m: spherical waves, unlike the far sound from all
-    sides of
-`diffuse.py`. With fewer sources than microphones the covariance between microphones is nearly
-singular at every frequency, so an estimator that knows it can be rid of most of the noise.
+sides of `diffuse.py`. With fewer sources than microphones the covariance between microphones is
+nearly singular at every frequency, so an estimator that knows it can be rid of most of the noise.
 """
 
 from collections.abc import Sequence
@@ -21,7 +19,7 @@ from echolearn.simulation.noise.diffuse import Source
 from echolearn.simulation.scene import check_speed
 
 NEAREST = 0.01
-"""m from any microphone."""
+"""Least distance in m from any microphone."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +27,8 @@ class Fixed:
     """Sources that move with the robot.
 
     Attributes:
-        source: the noise of one of them; each is a draw of its own.
-        places: where they are, robot's frame, Q x 3, in m.
+        source: noise of one of them; each is a draw of its own.
+        places: positions in the robot's frame, Q x 3, in m.
         speed_of_sound: in m/s.
     """
 
@@ -40,10 +38,11 @@ class Fixed:
 
     def __post_init__(self) -> None:
         check_speed("diffuse.speed_of_sound", self.speed_of_sound)
-        check_list("diffuse.places", self.places, allowed="places of three coordinates in m")
-        check(len(self.places) > 0, "diffuse.places", "[]", allowed="one place at least")
+        allowed = "must be one place or more, each with three coordinates in m"
+        check_list("diffuse.places", self.places, allowed=allowed)
+        check(len(self.places) > 0, "diffuse.places", "[]", allowed=allowed)
         for place in self.places:
-            check_list("diffuse.places", place, length=3, allowed="three coordinates in m for each")
+            check_list("diffuse.places", place, length=3, allowed=allowed)
             for coordinate in place:
                 check_number("diffuse.places", coordinate, low=-100.0, high=100.0, unit="m")
 
@@ -51,23 +50,20 @@ class Fixed:
         self, array: MicArray, *, length: int, sample_rate: float, rng: np.random.Generator
     ) -> Array:
         """Return noise of unit power, mean over time and microphones, shape (M, length)."""
-        distance = np.linalg.norm(
-            np.array(self.places, dtype=float)[:, None] - array.positions, axis=-1
-        )
-        nearest = float(distance.min())
-        check(
-            nearest >= NEAREST,
-            "diffuse.places",
-            f"{nearest:.3f} m from a microphone",
-            allowed=f"{NEAREST} m or more",
-        )
+        offsets = np.array(self.places, dtype=float)[:, None] - array.positions
+        distance = np.linalg.norm(offsets, axis=-1)
+        nearest = f"{distance.min():.3f} m from a microphone"
+        allowed = f"must be {NEAREST} m or more from every microphone"
+        check(distance.min() >= NEAREST, "diffuse.places", nearest, allowed=allowed)
+
+        # Delays are phases, so they wrap around; as much again is drawn and cut off at either end.
         ahead = int(np.ceil(distance.max() * sample_rate / self.speed_of_sound)) + 1
         size = fft.next_fast_len(length + 2 * ahead, real=True)
         omega = 2 * np.pi * fft.rfftfreq(size, 1.0 / sample_rate)
         total = np.zeros((len(array), len(omega)), dtype=complex)
         for path in distance:
             drawn = self.source(length=length + 2 * ahead, sample_rate=sample_rate, rng=rng)
-            late = np.exp(-1j * omega * path[:, None] / self.speed_of_sound)
-            total += fft.rfft(drawn, size) * late / path[:, None]
-        heard = fft.irfft(total, size)[:, ahead : ahead + length]
-        return heard / np.sqrt(np.mean(np.square(heard)))
+            delay = np.exp(-1j * omega * path[:, None] / self.speed_of_sound)
+            total += fft.rfft(drawn, size) * delay / path[:, None]
+        noise = fft.irfft(total, size)[:, ahead : ahead + length]
+        return noise / np.sqrt(np.mean(np.square(noise)))

@@ -1,5 +1,6 @@
-"""Noise from a recording: a random stretch of the user's own file, WAV or FLAC, brought to the rate
-that is wanted.
+"""Noise from a recording: a random stretch of the user's own file, WAV or FLAC.
+
+It is brought to the rate that is wanted when the file is read.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from echolearn.checks import BadValue, check, check_number
 NAME = "diffuse.source.path"
 
 SILENCE = 0.1
-"""s, that is too long: 80 dB below the rest."""
+"""Seconds of silence that are too long: 80 dB below the rest."""
 
 
 @dataclass(frozen=True)
@@ -36,18 +37,19 @@ class Recorded:
         Raises:
             BadValue: the recording is too short, or its rate another one.
         """
-        hint = "diffuse.source.sample_rate should be that of the probe"
-        check(sample_rate == self.sample_rate, "diffuse.source.sample_rate", f"{self.sample_rate:g} Hz",
-              allowed=f"{sample_rate:g} Hz", hint=hint)  # fmt: skip
+        check(
+            sample_rate == self.sample_rate,
+            "diffuse.source.sample_rate",
+            f"{self.sample_rate:g} Hz",
+            allowed=f"must be {sample_rate:g} Hz, the rate of the probe",
+        )
         left = len(self.samples) - length
-        allowed = f"at least {length / sample_rate:.2f} s at once"
-        hint = "every microphone takes a stretch of its own; use a longer one, a minute or more"
         check(
             left >= 0,
             NAME,
             f"{len(self.samples) / sample_rate:.2f} s of sound",
-            allowed=allowed,
-            hint=hint,
+            allowed=f"must be at least {length / sample_rate:.2f} s",
+            hint="every microphone takes a stretch of its own; use a longer one, a minute or more",
         )
         start = int(rng.integers(left + 1))
         return self.samples[start : start + length].astype(float)
@@ -69,80 +71,63 @@ def recorded(
     check_number("diffuse.source.sample_rate", sample_rate, low=1000.0, high=400_000.0, unit="Hz")
     samples, rate = _read(path)
     chosen = _choose(samples, channel)
-    check(
-        bool(np.isfinite(chosen).all()), NAME, f"{path}, NaN or infinity", allowed="finite samples"
-    )
+    finite = bool(np.isfinite(chosen).all())
+    check(finite, NAME, f"{path}, NaN or infinity", allowed="must be finite samples")
+
     ratio = Fraction(sample_rate / rate).limit_denominator(10_000)
-    heard = resample_poly(chosen, ratio.numerator, ratio.denominator) if ratio != 1 else chosen
-    heard = heard - heard.mean()
-    deviation = heard.std()
-    check(
-        deviation > 1e-9,
-        NAME,
-        f"{path}, silence",
-        allowed="a recording of noise",
-        hint="is it another channel?",
-    )
-    block = int(SILENCE * sample_rate)
-    still = heard[: len(heard) // block * block].reshape(-1, block).std(axis=1) < 1e-4 * deviation
-    where, hint = (
-        float(still.argmax() * SILENCE),
-        "cut it away; what is heard may begin anywhere in the recording",
-    )
+    if ratio != 1:
+        chosen = resample_poly(chosen, ratio.numerator, ratio.denominator)
+    noise = chosen - chosen.mean()
+    deviation = noise.std()
+    _check_sound(noise, path=path, deviation=deviation, block=int(SILENCE * sample_rate))
+    return Recorded((noise / deviation).astype(np.float32), float(sample_rate))
+
+
+def _check_sound(noise: Array, *, path: str | None, deviation: float, block: int) -> None:
+    """Raise `BadValue` where the recording, or a block of it, is silent."""
+    hint = "is it another channel?"
+    allowed = "must be a recording of noise"
+    check(deviation > 1e-9, NAME, f"{path}, silence", allowed=allowed, hint=hint)
+
+    blocks = noise[: len(noise) // block * block].reshape(-1, block)
+    still = blocks.std(axis=1) < 1e-4 * deviation
     check(
         not still.any(),
         NAME,
-        f"{path}, silence at {where:.1f} s",
-        allowed="noise throughout",
-        hint=hint,
+        f"{path}, silence at {still.argmax() * SILENCE:.1f} s",
+        allowed="must be noise throughout",
+        hint="cut the silence away; a stretch may begin anywhere in the recording",
     )
-    return Recorded((heard / deviation).astype(np.float32), float(sample_rate))
 
 
 def _read(path: str | None) -> tuple[Array, int]:
     """Return samples (K, channels) and the sample rate."""
-    check(
-        isinstance(path, str) and path != "",
-        NAME,
-        path,
-        allowed="a WAV or FLAC file",
-        hint="give it",
-    )
+    given = isinstance(path, str) and path != ""
+    check(given, NAME, path, allowed="must be a WAV or FLAC file; give its name")
     try:
         import soundfile
     except ImportError:
         raise BadValue(f"{NAME}={path}: needs soundfile; pip install 'echolearn[lab]'") from None
-    check(
-        Path(str(path)).is_file(),
-        NAME,
-        path,
-        allowed="a file",
-        hint=f"is it relative to {Path.cwd()}?",
-    )
+    hint = f"is it relative to {Path.cwd()}?"
+    check(Path(str(path)).is_file(), NAME, path, allowed="must be a file", hint=hint)
     try:
         samples, rate = soundfile.read(path, dtype="float64", always_2d=True)
     except (RuntimeError, TypeError, ValueError) as error:
-        raise BadValue(
-            f"{NAME}={path}: cannot be read as audio ({' '.join(str(error).split())})"
-        ) from None
-    check(len(samples) > 0, NAME, f"{path}, no samples", allowed="a recording")
+        reason = " ".join(str(error).split())
+        raise BadValue(f"{NAME}={path}: cannot be read as audio ({reason})") from None
+    check(len(samples) > 0, NAME, f"{path}, no samples", allowed="must be a recording")
     return samples, int(rate)
 
 
 def _choose(samples: Array, channel: int | str | None) -> Array:
     """Return one channel of samples (K, channels), or their mean."""
     count = samples.shape[1]
-    known = f"1 to {count}, or mix"
     if channel == "mix":
         return samples.mean(axis=1)
-    if channel is None:
-        check(
-            count == 1,
-            "diffuse.source.channel",
-            "none",
-            allowed=f"{known}; the file has {count} channels",
-        )
+    if channel is None and count == 1:
         return samples[:, 0]
+    allowed = f"must be from 1 to {count}, or mix; the file has {count} channels"
     whole = isinstance(channel, int) and not isinstance(channel, bool)
-    check(whole and 1 <= int(channel) <= count, "diffuse.source.channel", channel, allowed=known)
-    return samples[:, int(channel) - 1]
+    fits = whole and 1 <= int(channel or 0) <= count
+    check(fits, "diffuse.source.channel", channel, allowed=allowed)
+    return samples[:, int(channel or 0) - 1]

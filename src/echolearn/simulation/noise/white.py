@@ -1,6 +1,4 @@
-"""Spatially and spectrally white noise: independent Gaussian samples at every microphone (the
-paper's f2).
-"""
+"""White noise (the paper's f2): Gaussian samples, independent in time and between microphones."""
 
 from dataclasses import dataclass
 

@@ -12,8 +12,7 @@ What pyroomacoustics 0.10 does differently from the project's convention, and is
   L_i away: `complete_order`.
 
 What remains is its filter: tabulated in single precision, the window centred on a whole sample. Its
-    responses are
-within -50 dB of the closed form below 0.9 of Nyquist.
+responses are within -50 dB of the closed form below 0.9 of Nyquist.
 """
 
 import math
@@ -36,7 +35,7 @@ CONSTANTS = {"rir_hpf_enable": False, "num_threads": 1, "frac_delay_length": 81}
 
 
 def complete_order(room: Room, speed_of_sound: float) -> int:
-    """Return a reflection order that holds every image heard within T60."""
+    """Return a reflection order that holds every image within T60."""
     if not any(room.walls):
         return 0
     reach = room.t60 * speed_of_sound
@@ -61,16 +60,15 @@ class Pyroom:
     """Compute responses with pyroomacoustics: slow, and known to everybody.
 
     Attributes:
-        complete: hold every image heard within T60; otherwise the order that pyroomacoustics'
-            `inverse_sabine` recommends, which is faster and loses late images.
+        complete: whether every image within T60 is held; otherwise the order is the one that
+            pyroomacoustics' `inverse_sabine` recommends, which is faster and loses late images.
     """
 
     complete: bool = True
 
     def __post_init__(self) -> None:
-        check(
-            isinstance(self.complete, bool), "rir.complete", self.complete, allowed="true or false"
-        )
+        known = isinstance(self.complete, bool)
+        check(known, "rir.complete", self.complete, allowed="must be true or false")
 
     def order(self, room: Room, speed_of_sound: float) -> int:
         """Return the reflection order to use in `room`."""
@@ -106,15 +104,11 @@ class Pyroom:
             room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
         )
         whole = float(sample_rate).is_integer()
-        check(
-            whole, "sample_rate", f"{sample_rate} Hz", allowed="a whole number for pyroomacoustics"
-        )
-        absorption = 1.0 - room.reflection(speed_of_sound) ** 2
-        materials = {
-            name: pyroomacoustics.Material(float(a))
-            for name, a in zip(WALLS, absorption, strict=True)
-        }
+        allowed = "must be a whole number for pyroomacoustics"
+        check(whole, "sample_rate", f"{sample_rate} Hz", allowed=allowed)
         order = self.order(room, speed_of_sound)
+        absorption = 1.0 - room.reflection(speed_of_sound) ** 2
+        materials = dict(zip(WALLS, map(pyroomacoustics.Material, absorption), strict=True))
         with constants({**CONSTANTS, "c": speed_of_sound}):
             shoebox = pyroomacoustics.ShoeBox(
                 room.size, fs=int(sample_rate), materials=materials, max_order=order
@@ -123,17 +117,11 @@ class Pyroom:
             shoebox.add_source(np.array(source, dtype=float))
             shoebox.add_microphone_array(np.array(microphones, dtype=float).T)
             shoebox.compute_rir()
-        return aligned(
-            [responses[0] for responses in shoebox.rir], response_length(room, sample_rate)
-        )
 
-
-def aligned(responses: list[Array], length: int) -> Array:
-    """Cut the filter's delay, fill up with zeros to `length` and scale to 1 / (4 pi d); shape (M,
-    length).
-    """
-    result = np.zeros((len(responses), length))
-    for row, response in zip(result, responses, strict=True):
-        part = response[CONSTANTS["frac_delay_length"] // 2 :][:length]
-        row[: len(part)] = part
-    return result / (4 * np.pi)
+        # The filter's delay is cut off, what is missing at the end is silent.
+        response = np.zeros((len(microphones), response_length(room, sample_rate)))
+        late = CONSTANTS["frac_delay_length"] // 2
+        for row, found in zip(response, shoebox.rir, strict=True):
+            part = found[0][late:][: len(row)]
+            row[: len(part)] = part
+        return response / (4 * np.pi)
