@@ -52,7 +52,7 @@ def test_fewer_sources_than_microphones_leave_directions_without_noise() -> None
     ("places", "message"),
     [
         ([], "diffuse.places=[]"),
-        ([[1.0, 2.0]], "diffuse.places=[1.0, 2.0]: three coordinates"),
+        ([[1.0, 2.0]], "diffuse.places=[1.0, 2.0]: must be"),
         ([[1.0, 2.0, "high"]], "diffuse.places=high m"),
         (0.3, "diffuse.places=0.3"),
     ],
@@ -65,6 +65,6 @@ def test_places_that_are_none_are_refused(places: object, message: str) -> None:
 
 def test_a_source_inside_a_microphone_is_refused() -> None:
     with pytest.raises(
-        BadValue, match=r"^diffuse.places=0.000 m from a microphone: 0.01 m or more"
+        BadValue, match=r"^diffuse.places=0.000 m from a microphone: must be 0.01 m or more"
     ):
         draw(Fixed(Rotor(), [RING.positions[2].tolist()]))

@@ -266,7 +266,10 @@ def test_pyroomacoustics_keeps_its_own_settings() -> None:
             {"source": np.array([5.0, 1.0, 1.0])},
             "source=[5.0, 1.0, 1.0] m: must be inside the 4.2 x 3.1 x 2.6 m room",
         ),
-        ({"microphones": np.array([[1.0, 1.0, -0.1]])}, "microphones=[1.0, 1.0, -0.1] m: must be inside"),
+        (
+            {"microphones": np.array([[1.0, 1.0, -0.1]])},
+            "microphones=[1.0, 1.0, -0.1] m: must be inside",
+        ),
         ({"microphones": SOURCE[None]}, "microphones=0 m from the source"),
         ({"microphones": SOURCE}, "microphones=(3,): must have shape (M, 3)"),
         ({"source": SOURCE[:2]}, "source=(2,): must have shape (3,)"),

@@ -7,8 +7,7 @@ github.com/irtiq7/Detecting-acoustic-reflector-localization-using-robot-ego-nois
 """
 
 import os
-from dataclasses import replace
-from typing import Any
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -187,35 +186,11 @@ def test_the_shortest_sounds_are_sound() -> None:
     assert np.mean(power) == pytest.approx(1.0, abs=0.3)
 
 
-def test_seeds_tell_sounds_apart() -> None:
-    first, again, other = (sound(Rotor(), seconds=0.5, seed=seed) for seed in (1, 1, 2))
-    assert np.array_equal(first, again)
-    assert abs(np.corrcoef(first, other)[0, 1]) < 0.5
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"rate": 0}, "diffuse.source.rate=0 Hz"),
-        ({"rate": "fast"}, "diffuse.source.rate=fast Hz"),
-        ({"blades": 2.5}, "diffuse.source.blades=2.5"),
-        ({"rotors": 0}, "diffuse.source.rotors=0"),
-        ({"jitter": -0.1}, "diffuse.source.jitter=-0.1"),
-        ({"wander": 0.0}, "diffuse.source.wander=0.0 s"),
-        ({"harmonics": 0}, "diffuse.source.harmonics=0"),
-        ({"tonal": 1.5}, "diffuse.source.tonal=1.5"),
-        ({"corner": 5.0}, "diffuse.source.corner=5.0 Hz"),
-        ({"gust_db": 30.0}, "diffuse.source.gust_db=30.0 dB"),
-        ({"gust": 0.0}, "diffuse.source.gust=0.0 s"),
-        ({"hiss": -0.1}, "diffuse.source.hiss=-0.1"),
-        ({"hiss_corner": 1.0}, "diffuse.source.hiss_corner=1.0 Hz"),
-        ({"blade_gain_db": float("nan")}, "diffuse.source.blade_gain_db=nan dB"),
-    ],
-)
-def test_bad_rotors_are_refused(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(BadValue) as refused:
-        Rotor(**change)
-    assert str(refused.value).startswith(message)
+@pytest.mark.parametrize("name", [field.name for field in fields(Rotor)])
+@pytest.mark.parametrize("value", [-101.0, 1e9, "fast", float("nan")])
+def test_bad_rotors_are_refused(name: str, value: object) -> None:
+    with pytest.raises(BadValue, match=f"^diffuse.source.{name}={value}"):
+        Rotor(**{name: value})  # type: ignore[arg-type]
 
 
 def test_whitening_finds_the_times_that_rotors_hide_from_s_nls() -> None:

@@ -254,7 +254,9 @@ def test_sound_is_faster_where_it_is_said_to_be(brief: Scene, chamber: Room) -> 
 
 
 def test_an_array_through_the_wall_is_refused(brief: Scene, chamber: Room) -> None:
-    with pytest.raises(BadValue, match=r"^pose.position=\(0.1, 2, 1\) m: the array of radius 0.2 m must"):
+    with pytest.raises(
+        BadValue, match=r"^pose.position=\(0.1, 2, 1\) m: the array of radius 0.2 m must"
+    ):
         observe(
             chamber,
             Pose(np.array([0.1, 2.0, 1.0])),

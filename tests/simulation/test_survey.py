@@ -374,10 +374,13 @@ def test_noise_may_be_as_long_as_its_reader_takes_it(brief: Scene) -> None:
     long = replace(brief, probe=replace(brief.probe, length=3 * rate))
     assert noise_length(long, 3.0) == 3.0
     with pytest.raises(
-        BadValue, match="^noise_seconds=2.9 s: must be 0 .none., or from 3 to 126.8 s of 6 microphones; noise"
+        BadValue,
+        match="^noise_seconds=2.9 s: must be 0 .none., or from 3 to 126.8 s of 6 microphones; noise",
     ):
         noise_length(long, 2.9)
-    with pytest.raises(BadValue, match="^noise_seconds=5 s: must be 0 .none., or from 6 to 126.8 s"):
+    with pytest.raises(
+        BadValue, match="^noise_seconds=5 s: must be 0 .none., or from 6 to 126.8 s"
+    ):
         noise_length(
             replace(long, diffuse=Diffuse(Rotor()), probe=replace(brief.probe, length=6 * rate)),
             None,

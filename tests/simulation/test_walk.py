@@ -94,5 +94,7 @@ def test_impossible_walks_are_refused(changes, words):
 
 def test_the_smallest_room_holds_the_walk_and_a_smaller_one_is_named():
     assert len(trajectory(Room((3.1, 8.0, 2.5), 0.4))) == 160
-    with pytest.raises(BadValue, match="^room.size=8 x 3.09 x 2.5 m: must have two sides of at least 3.1 m"):
+    with pytest.raises(
+        BadValue, match="^room.size=8 x 3.09 x 2.5 m: must have two sides of at least 3.1 m"
+    ):
         trajectory(Room((8.0, 3.09, 2.5), 0.4))
