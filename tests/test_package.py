@@ -1,4 +1,4 @@
-"""The wheel: it carries the configurations and works from another folder, without the repository."""
+"""The wheel: it carries the configurations and works elsewhere, without the repository."""
 
 import os
 import subprocess
@@ -6,11 +6,14 @@ import sys
 import zipfile
 from pathlib import Path
 
+import pytest
+
 import echolearn
 
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.mark.release
 def test_the_wheel_carries_the_configurations_and_works_elsewhere(tmp_path: Path) -> None:
     build = [
         sys.executable,

@@ -1,5 +1,4 @@
-"""What tells one thing from all others: canonical text, digests, and short names that outlive a
-move of the code.
+"""Identity: canonical text, digests, and short names that outlive a move of the code.
 
     value --plain--> containers --canonical--> one JSON text --digest--> 12 hexadecimal digits
 
@@ -58,18 +57,16 @@ def kind_of(value: object) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Return `value` as plain containers for a manifest: dataclasses by kind and fields, arrays by
-    their hash.
+    """Return a value as plain containers for a manifest.
+
+    A dataclass becomes its kind and its fields, an array its shape and its SHA-256.
     """
     if is_dataclass(value) and not isinstance(value, type):
-        return {KIND: kind_of(value)} | {
-            field.name: plain(getattr(value, field.name)) for field in fields(value)
-        }
+        items = {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        return {KIND: kind_of(value), **items}
     if isinstance(value, np.ndarray):
-        return {
-            "shape": list(value.shape),
-            "sha256": hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest(),
-        }
+        content = np.ascontiguousarray(value).tobytes()
+        return {"shape": list(value.shape), "sha256": hashlib.sha256(content).hexdigest()}
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -12,8 +12,9 @@ class Markers(NamedTuple):
     """Two lines of a page, each there once; what stands between them is replaced.
 
     Attributes:
-        begin, end: the lines.
-        name: of the key that names the page, for errors.
+        begin: first line.
+        end: last line.
+        name: key that names the page, for errors.
     """
 
     begin: str
@@ -22,7 +23,7 @@ class Markers(NamedTuple):
 
 
 def around(page: Path, markers: Markers) -> tuple[str, str]:
-    """Return what stands before and after the replaceable text of a page, its two markers included.
+    """Return what stands before and after the text between two markers, the markers included.
 
     Raises:
         BadValue: the file cannot be read, or has not each marker once, in this order.
@@ -32,28 +33,21 @@ def around(page: Path, markers: Markers) -> tuple[str, str]:
         text = Path(page).read_bytes().decode()
     except (OSError, ValueError) as error:
         raise BadValue(f"{name}={page}: cannot be read ({files.one_line(error)})") from None
-    before, *between = text.split(begin)
-    rest = between[0].split(end) if len(between) == 1 else []
-    check(
-        len(rest) == 2 and end not in before,
-        name,
-        page,
-        allowed=f"a file with one {begin} and then one {end}",
-    )
-    return before + begin, end + rest[1]
-
-
-def between(page: Path, markers: Markers) -> str:
-    """Return the replaceable text of a page; see `around` for errors."""
-    before, after = around(page, markers)
-    return Path(page).read_bytes().decode()[len(before) : -len(after)]
+    before, _, rest = text.partition(begin)
+    _, _, after = rest.partition(end)
+    once = text.count(begin) == text.count(end) == rest.count(end) == 1
+    check(once, name, page, allowed=f"must be a file with one {begin} and then one {end}")
+    return before + begin, end + after
 
 
 def write_between(page: Path, text: str, markers: Markers) -> None:
-    """Put `text` between the markers of a page, atomically, one command after another; see `around`
-    for errors.
+    """Replace the text between the markers of a page, atomically, one command after another.
+
+    Raises:
+        BadValue: as `around` does.
     """
     around(page, markers)
     with locked(page):
+        # Another command may have written to the page meanwhile.
         before, after = around(page, markers)
         files.write_atomic(Path(page), f"{before}\n{text}\n{after}".encode())
