@@ -34,8 +34,7 @@ def weights(array: MicArray = RING) -> Array:
 
 def delay_and_sum_power(covariances: Array) -> Array:
     """Return d^H R d / M^2 summed over bins, shape (B, A)."""
-    packed = np.moveaxis(beamforming.pack_hermitian(covariances), -2, 0)
-    return np.sum(packed @ weights(), axis=0) / 36
+    return np.sum(beamforming.quadratic(covariances, weights()), axis=0) / 36
 
 
 def noise_wave(azimuth: float, *, length: int = 8000) -> Array:

@@ -192,7 +192,7 @@ def test_under_a_robots_own_rotors_it_holds_the_map_that_plain_whitening_loses()
     )
     both = {"plain": Joint(whiten=True), "spatial": WEIGHTED}
     room = Room((6.0, 5.0, 6.0), 0.25)
-    study = Study("sdnr_db", [-37.0], room, scene, both, positions=8, trials=24)
+    study = Study("sdnr_db", [-37.0], room, scene, both, positions=24, trials=24)
     plain, weighted = on_map(study, -37.0).mean(axis=0)
     assert weighted >= 0.85
     assert weighted >= plain + 0.5

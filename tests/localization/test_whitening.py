@@ -123,9 +123,7 @@ def test_density_of_all_or_of_each_microphone() -> None:
         (-np.ones((6, 9)), "NaN, infinity or below 0: densities must be 0 or more"),
     ],
 )
-def test_what_is_no_density_is_refused_even_if_only_for_weights(
-    psd: Array, message: str
-) -> None:
+def test_what_is_no_density_is_refused_even_if_only_for_weights(psd: Array, message: str) -> None:
     batch = observed(PROBE, np.random.default_rng(5).standard_normal((6, 3000)), noise_psd=psd)
     for work in (Em(), Mclam(), Snls(whiten=True)):
         with pytest.raises(BadValue, match=f"^observation.noise_psd={message}"):

@@ -77,6 +77,11 @@ def pack_steering(vectors: Array) -> Array:
     return packed * np.repeat([1.0, 2.0, -2.0], [microphones, half, half])
 
 
+def quadratic(matrices: Array, weights: Array) -> Array:
+    """Return d^H R d per bin, (F, B, A), for R (B, F, M, M) and packed steering (F, M*M, A)."""
+    return np.moveaxis(pack_hermitian(matrices), -2, 0) @ weights
+
+
 def invert(hermitian: Array) -> Array:
     """Return the inverses of positive definite matrices (..., M, M), by Gauss-Jordan steps.
 
@@ -124,8 +129,7 @@ def mpdr_power(covariances: Array, weights: Array, *, gamma: float) -> Array:
         weights: packed steering, shape (F, M*M, A), from `steering_weights`.
         gamma: regularisation of Eq. 18.
     """
-    inverse = pack_hermitian(invert(regularize(covariances, gamma)))
-    return np.sum(1.0 / (np.moveaxis(inverse, -2, 0) @ weights), axis=0)
+    return np.sum(1.0 / quadratic(invert(regularize(covariances, gamma)), weights), axis=0)
 
 
 @dataclass(frozen=True)
