@@ -18,6 +18,7 @@ BLOCK = 1024
 def open_onnx(data: bytes) -> Callable[[Array], Array]:
     """Return the function that an ONNX file computes, float32 (B, ...) to (B,), on one thread."""
     options = onnxruntime.SessionOptions()
+    # One thread: runs beside each other share the cores, and sums keep one order.
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.log_severity_level = 3

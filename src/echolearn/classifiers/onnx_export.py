@@ -81,6 +81,8 @@ def export_proved(fitted: Calibrated, x: Inputs) -> ProvedModel:
     """
     data = to_onnx(Confidence(fitted), shape=x.shape[1:])
     score = open_onnx(data)
+
+    # Rows of the set come first, then what no recording gives: robots meet both.
     ordinary = blocks_of(x, fitted.classifier.inputs, size=BLOCK)
     parity = 0.0
     trials = 0
@@ -123,6 +125,7 @@ def mixtures(x: Inputs, count: int, *, rng: np.random.Generator) -> Array:
     scale = rng.choice([-1.0, 1.0], rows.shape) * 10.0 ** rng.uniform(-6, 6, rows.shape)
     odd = rng.choice(ODD, rows.shape) * rng.choice([-1.0, 1.0], rows.shape)
     spoilt = np.where(rng.random(rows.shape) < 1 / 3, odd, rows)
+    # Between two rows the function is smooth or has a cut that both sides must place equally.
     share = rng.random((count, *(1,) * (rows.ndim - 1)))
     mixed = share * rows + (1 - share) * others
     turn = np.arange(count).reshape(share.shape) % 3

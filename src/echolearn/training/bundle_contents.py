@@ -100,6 +100,7 @@ def recording_description(
         BadValue: another array or probe than the set's, or a localizer that cannot travel.
     """
     scene = plan["scene"]
+    # The manifest holds arrays as hashes, so the values come from the command and are compared.
     hint = "give the scene.* overrides that the set was generated with"
     for name, given in (("array", array), ("probe", probe)):
         allowed = f"must be the {name} of the run's set"
@@ -156,6 +157,7 @@ def held_out_figures(run: Run, dataset: Dataset, *, resamples: int) -> dict[str,
 
 def map_figures(comparison: Path, run: Run) -> list[dict[str, Any]]:
     """Return what a comparison says of the maps that a classifier leaves, mean over its seeds."""
+    # Rows without a seed are means over seeds; only surveys leave maps.
     wanted = {**run.model._asdict(), "seed": "", "kind": "survey"}
     found = []
     with (comparison / "results.csv").open(newline="") as file:
@@ -198,6 +200,7 @@ def golden_inputs(x: Array, *, score: Callable[[Array], Array]) -> Array:
 
     They are rows of `x` (B, ...) by growing confidence, zeros, and the largest floats.
     """
+    # Rows over the whole range of confidences: a model that is wrong anywhere is found out.
     ranked = np.argsort(score(x), kind="stable")
     spread = np.linspace(0, len(x) - 1, schema.GOLDEN - 3).round().astype(int)
     largest = np.full(x[:1].shape, np.finfo(np.float32).max)

@@ -61,6 +61,8 @@ def export(
     name = source.identity if name is None else name
     check_name("name", name)
     folder = Path(runs) / "bundles" / name
+
+    # Everything is put together before the folder is touched: what fails leaves nothing.
     dataset = set_of(source)
     about = bundle_description(source, dataset, array=array, probe=probe, resamples=resamples)
     about["metrics"]["maps"] = [] if best is None else map_figures(best, source)
@@ -111,6 +113,7 @@ def run_chosen_by(comparison: Path) -> Run:
     again = "made by echolearn 0.1: run echolearn compare again"
     check("chosen" in manifest, "best", folder, allowed=COMPARISON, hint=again)
 
+    # A run that was trained again since may be a worse one than the comparison has seen.
     found = open_run(folder.parents[1] / "train" / manifest["chosen"])
     same = found.metrics["model"]["sha256"] == manifest["inputs"]["runs"][found.identity]
     allowed = "must be a comparison of the runs that are there"
@@ -155,6 +158,7 @@ def _finished(
     folder: Path, run: Run, *, about: Mapping[str, Any], files: Mapping[str, bytes]
 ) -> Path | None:
     """Return the folder if it holds exactly this bundle."""
+    # Asked again under the lock: another command may have taken the name meanwhile.
     check_free(folder, run)
     try:
         found = manifests.verify(folder)

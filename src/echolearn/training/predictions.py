@@ -75,6 +75,7 @@ def predict_rows(run: Run, dataset: Dataset, *, held_out: bool = False) -> Predi
             on it, all are compared on the same rows, seed by seed.
     """
     rows = np.arange(len(dataset))
+    # What a run was trained on says nothing about what it can do.
     if held_out or run.data_digest == dataset.digest:
         rows = held_out_rows(run, dataset)
     columns = {name: dataset[name][rows] for name in run.inputs}

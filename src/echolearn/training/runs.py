@@ -144,6 +144,7 @@ def load_runs(runs: Path) -> list[Run]:
         hint = "remove the outdated, or train with another name="
         same = twin == run.identity
         check(same, "runs", f"{twin}, {run.identity}", allowed=allowed, hint=hint)
+    # A renamed folder would count as a run of other settings.
     for run in found:
         manifests.verify(run.folder)
         named = run.metrics["run"]

@@ -106,6 +106,7 @@ class LearningProblem:
         groups = self.groups()
         parts = self.parts()
         known = np.sort(np.concatenate([parts.train, parts.validation]))
+        # Whole groups are dealt out, so that folds are as disjoint as the parts.
         shuffled = np.random.default_rng(self.seed).permutation(np.unique(groups[known]))
         for chosen in np.array_split(shuffled, count):
             held = np.isin(groups[known], chosen)
@@ -115,6 +116,8 @@ class LearningProblem:
         groups = self.groups()[rest]
         first, second = split_groups(groups, share=self.validation_share, seed=self.seed)
         parts = Parts(rest[first], rest[second], test)
+
+        # With one class alone there is nothing to learn, no threshold to choose, no curve to draw.
         y = self.labels()
         for part, rows in parts._asdict().items():
             count = int(y[rows].sum())
@@ -142,6 +145,7 @@ def split_groups(groups: Array, *, share: float, seed: int) -> tuple[Array, Arra
         Row indices of the first and of the second part, ascending.
     """
     check_number("share", share, low=0.0, high=1.0)
+    # The order of groups, not of rows, is drawn: it is the same for any number of rows in each.
     unique = np.unique(groups)
     chosen = np.random.default_rng(seed).permutation(unique)[: round(share * len(unique))]
     second = np.isin(groups, chosen)

@@ -68,6 +68,7 @@ def writable(folder: Path) -> Iterator[None]:
     Args:
         folder: where the block writes, for the message.
     """
+    # The traceback of that thread says nothing that the message below does not.
     before = threading.excepthook
     threading.excepthook = lambda failed: (
         None if isinstance(failed.exc_value, OSError) else before(failed)

@@ -135,6 +135,7 @@ def make_run(
         command: what makes the run again, or None.
     """
     began = time.monotonic()
+    # What a killed command has left would stand among the results of this one.
     shutil.rmtree(folder, ignore_errors=True)
     files.save_json(folder / CONFIG, identity)
     parts = problem.parts()
@@ -156,6 +157,7 @@ def make_run(
         "validation": evaluate_rows(fitted, problem, rows=parts.validation),
         "test": evaluate_rows(fitted, problem, rows=parts.test),
     }
+    # TensorBoard and the times come before the metrics, whose presence says that all is there.
     from echolearn.training.tensorboard import write_events
 
     confidence = fitted.confidence(x.part(parts.test))
@@ -238,6 +240,7 @@ def cross_validate(
         return None
     scores = []
     for parts in problem.folds(folds):
+        # A network's logs of a fold would pass for those of the run.
         with TemporaryDirectory(dir=folder) as place:
             fitted = fit_calibrated(classifier(), problem, parts=parts, folder=Path(place))
         scores.append(evaluate_rows(fitted, problem, rows=parts.test))

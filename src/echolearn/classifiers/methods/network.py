@@ -129,6 +129,7 @@ class Network:
             trainer.fit(training, WholeEpoch(batches), WholeEpoch(held))
         self.device = trainer.strategy.root_device.type
 
+        # The last epochs are those that did no better: the best one's weights are put back.
         state = torch.load(best.best_model_path, weights_only=True, map_location="cpu")
         training.cpu().load_state_dict(state["state_dict"])
         self.fitted = nn.Sequential(standardise, training.net).eval()

@@ -103,6 +103,7 @@ class Svm:
         found = self.search(x[seen], y[seen], groups=groups[seen], seed=seed)
         self.cross_validation = found | {"search_rows": len(seen), "fit_rows": len(rows)}
 
+        # Fitted once more, to more rows than the search could afford.
         svm = SVC(kernel="rbf", cache_size=200, C=found["c"], gamma=found["gamma"])
         self.pipeline = Pipeline([("scaler", StandardScaler()), ("svm", svm)])
         self.pipeline.fit(x[rows], y[rows])
