@@ -372,7 +372,7 @@ def test_figures_are_written_with_three_digits_and_the_unit_that_suits() -> None
 def test_a_page_says_how_many_times_as_long_the_peer_takes() -> None:
     about = ("t60", 0.6, "wall", "s")
     own = Measurement("rir", "images", *about, [0.002, 0.004, 0.003])
-    beside = {"reference": "images", "beside": own.repetitions}
+    beside = {"reference": "images", "ratio": Spread(100.0, 100.0, 150.0)}
     peer = Measurement("rir", "pyroomacoustics", *about, [0.2, 0.4, 0.6], **beside)
     said = page([own, peer], MACHINE)
     ratio = "pyroomacoustics 400 ms, 100 [100, 150] times |"

@@ -38,3 +38,10 @@ def test_memory_does_not_grow_with_the_walk(packed: Path, tmp_path: Path) -> Non
     short, long = measured(4), measured(204)
     assert {*short["laps"]} == {"gated", "classifier"}
     assert abs(long["memory"] - short["memory"]) < together / 5
+
+
+def test_it_needs_a_robots_libraries_alone() -> None:
+    heavy = "torch sklearn hydra lightning matplotlib numba onnx"
+    code = f"import sys, echolearn.bench.onboard; print({{*'{heavy}'.split()}} & {{*sys.modules}})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"

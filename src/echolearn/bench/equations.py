@@ -42,6 +42,7 @@ def snls(recording: Array, burst: Array, *, first: int, last: int) -> tuple[int,
         recording, burst, first, last: see the header; microphone 1.
     """
     probe = padded(burst, len(recording))
+    # The first of equal costs wins, as in a loop that looks for a smaller one.
     best = (math.inf, first, 0.0)
     for lag in range(first, last + 1):
         delayed = shift(probe, lag)

@@ -17,22 +17,24 @@ from echolearn.localization.beamforming import Mpdr, azimuth_grid
 from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.runtime.progress import track
-from echolearn.runtime.timing import Contestant
+from echolearn.runtime.timing import Contestant, ratios
 from echolearn.storage.identity import kind_of
 
 PAPER = {"peaks": 0.0063, "em": 63.25, "mclam": 60.65, "snls": 10.14}
 """Seconds per observation as the paper prints them (V-B), by method."""
 
 
-def localizers(setting: Setting) -> Iterator[Measurement]:
+def time_localizers(setting: Setting) -> Iterator[Measurement]:
     """Time every localizer beside its literal form, and over microphones and azimuths."""
     observation = observations(setting.plan, setting.batch)
+    # Growth needs many times, none of them exact: fewer observations will do.
     few = min(setting.batch, 16)
     rings = {}
     for count in setting.microphones:
         scene = replace(setting.plan.scene, array=circular_array(microphones=count))
         rings[count] = observations(setting.plan, few, scene)
     about = {"parameter": "batch", "value": setting.batch}
+    # The paper times its two searches together; apart they show which of them costs.
     forms = literal(setting.plan, observation)
     for name, search in searches(setting, observation).items():
         contestants = {name: search, f"{name}, literal": forms[name]}
@@ -78,7 +80,8 @@ def as_printed(name: str, own: Sequence[float], *, value: int) -> Iterator[Measu
     seconds = PAPER.get(name.partition("_")[0])
     if seconds is not None:
         about = ("localize", f"{name}, as the paper prints", "batch", value, "wall", "s")
-        yield Measurement(*about, [seconds] * len(own), reference=name, beside=own)
+        printed = [seconds] * len(own)
+        yield Measurement(*about, printed, reference=name, ratio=ratios(printed, own))
 
 
 def at_work(localizer: Localizer, observation: Observation, count: int | None = None) -> Contestant:
@@ -128,7 +131,8 @@ def literal(localizer: Any, observation: Observation) -> dict[str, Contestant]:
         "snls": lambda: (time(), direction()),
         "gated": lambda: equations.gated(*around, lag=time(), rate=rate),
         "joint": joint,
-        "em": joint,  # with one echo, an iteration is that search
+        # With one echo, an iteration of EM-MC is the joint search.
+        "em": joint,
         "mclam": lambda: equations.mclam(*around, rate=rate, **lags),
         "peaks": lambda: (peak(), direction()),
     }

@@ -25,6 +25,9 @@ KEYS = "stage variant parameter value measure unit".split()
 COLUMNS = [*KEYS, *"n median q1 q3 reference ratio ratio_q1 ratio_q3".split()]
 """Columns of `bench.csv`; the first six tell what was measured."""
 
+ALONE = Spread(np.nan, np.nan, np.nan)
+"""Ratio of what is compared with nothing."""
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -39,7 +42,7 @@ class Measurement:
         repetitions: value of each repetition, shape (n,).
         reference: variant of the same stage, parameter and value that this one is compared with;
             empty for that one itself.
-        beside: repetitions of the reference, lap by lap, shape (n,).
+        ratio: how many times the reference, median and quartiles over laps; NaN without one.
         group: what variants belong together in a table: of a trained run its classifier.
     """
 
@@ -51,20 +54,13 @@ class Measurement:
     unit: str
     repetitions: Sequence[float]
     reference: str = ""
-    beside: Sequence[float] = ()
+    ratio: Spread = ALONE
     group: str = ""
 
     @property
     def spread(self) -> Spread:
         """Median and quartiles."""
         return spread(self.repetitions)
-
-    @property
-    def ratio(self) -> Spread:
-        """How many times the reference, median and quartiles over laps; NaN without a reference."""
-        if not self.reference:
-            return Spread(np.nan, np.nan, np.nan)
-        return ratios(self.repetitions, self.beside)
 
     @property
     def keys(self) -> dict[str, Any]:
@@ -196,11 +192,13 @@ def times(
     found = []
     for variant, own in laps.items():
         for index, measure in enumerate(Lap._fields):
+            values = [lap[index] for lap in own]
             compared: dict[str, Any] = {}
+            # Lap by lap: what slows the machine down slows both of a lap.
             if variant != reference:
                 beside = [lap[index] for lap in laps[reference]]
-                compared = {"reference": reference, "beside": beside}
-            about = (stage, variant, parameter, value, measure, "s", [lap[index] for lap in own])
+                compared = {"reference": reference, "ratio": ratios(values, beside)}
+            about = (stage, variant, parameter, value, measure, "s", values)
             found.append(Measurement(*about, group=group, **compared))
     return found
 

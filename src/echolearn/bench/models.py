@@ -50,7 +50,9 @@ def training(setting: Setting) -> Iterator[Measurement]:
 
 def inference(setting: Setting) -> Iterator[Measurement]:
     """Time each run's model per observation, one row at a time and many."""
+    # A hundred runs at full length would take the hour that all else takes.
     brief = replace(setting, seconds=min(BRIEF, setting.seconds))
+    # Runs name their set by its digest, whatever its folder is called.
     sets: dict[str, Dataset] = {}
     for manifest in sorted((setting.runs / "data").glob(f"*/{manifests.MANIFEST}")):
         key = digest(manifests.load_manifest(manifest.parent)["files"])

@@ -58,11 +58,13 @@ def measure(
             observation = walk.observe([number])
             yield replace(observation, samples=observation.samples[0]), pose
 
+    # As on a robot: read, used, forgotten, so that the peak is what a robot needs.
     for step in steps():
         for each in scorers.values():
             each.update(*step)
     memory = peak_memory()
 
+    # Now without reading, which is the disk's time and not the bundle's.
     recordings = list(steps())
 
     def take(each: Scorer) -> None:

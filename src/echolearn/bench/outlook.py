@@ -11,7 +11,7 @@ from math import ceil
 from typing import Any
 
 from echolearn.bench.measurement import Measurement
-from echolearn.bench.page import Cell, describe, plain, table
+from echolearn.bench.page import Cell, measured_on, with_quartiles, table
 from echolearn.checks import BadValue
 from echolearn.runtime.timing import Spread
 
@@ -37,12 +37,13 @@ def outlook(found: Sequence[Measurement], machine: Mapping[str, Any], *, workers
     if not rows:
         raise BadValue("scaling: needs the stage rows; add it to stages=[...]")
     largest = max(m.value for m in rows)
+    # The largest set has the steadiest rate, and its start weighs least.
     of = {m.measure: m.spread for m in rows if m.value == largest}
     per_core = Spread(*(part / workers for part in of["steady rate"]))
     row_bytes = of["size"].median / largest
     core_hours = ROWS / per_core.median / 3600
     facts = {
-        "rows per second and core": plain(per_core),
+        "rows per second and core": with_quartiles(per_core),
         "bytes per row": f"{row_bytes:.0f}",
         "memory of a worker": f"{of['memory, worker'].median / 2**20:.0f} MiB",
         "core hours": f"{core_hours:.0f}",
@@ -57,6 +58,6 @@ def outlook(found: Sequence[Measurement], machine: Mapping[str, Any], *, workers
         written = ROWS * row_bytes / hours / 3600 / 1e6
         times.append((str(hours), "written, MB/s", f"{written:.1f}"))
     measured = f"{largest:,}".replace(",", " ")
-    source = f"From {measured} rows measured with {workers} processes. {describe(machine)}"
+    source = f"From {measured} rows measured with {workers} processes. {measured_on(machine)}"
     needed = table("ten million observations", ((fact, "", said) for fact, said in facts.items()))
     return "\n\n".join([source, needed, table("done in hours", times)])

@@ -41,7 +41,7 @@ def page(found: Sequence[Measurement], machine: Mapping[str, Any], *, brief: boo
         brief: whether to leave out single steps.
     """
     parts = [
-        describe(machine),
+        measured_on(machine),
         table("what", compared([m for m in found if not (brief and m.stage == "steps")])),
         table("how time grows", grown(found)),
         table("rows generated", larger(found)),
@@ -50,7 +50,7 @@ def page(found: Sequence[Measurement], machine: Mapping[str, Any], *, brief: boo
     return "\n\n".join(part for part in parts if part)
 
 
-def describe(machine: Mapping[str, Any]) -> str:
+def measured_on(machine: Mapping[str, Any]) -> str:
     """Return where and how it was measured, in a sentence or two."""
     memory = f"{machine['memory_gib']:.0f} GiB"
     load = f"load average {machine['load_before']:.1f} to {machine['load_after']:.1f}"
@@ -78,6 +78,7 @@ def compared(found: Sequence[Measurement]) -> Iterator[Cell]:
     """Yield what was timed beside its peers, and what has none but is of interest by itself."""
     references = {(m.stage, m.parameter, m.value, m.reference) for m in found}
     for m in found:
+        # A peer stands in the line of what it is compared with.
         condition = CONDITIONS.get(m.parameter, "").format(m.value)
         line = f"{TITLES.get(m.stage)}{condition}: {m.reference or m.variant}"
         own = (m.stage, m.parameter, m.value, m.variant)
@@ -85,7 +86,7 @@ def compared(found: Sequence[Measurement]) -> Iterator[Cell]:
             continue
         if m.reference:
             name = m.variant.removeprefix(f"{m.reference}, ")
-            text = f"{name} {seconds(m.spread, brackets=False)}, {plain(m.ratio)} times"
+            text = f"{name} {seconds(m.spread, brackets=False)}, {with_quartiles(m.ratio)} times"
             yield line, "beside it, and how many times as long", text
         elif own in references or m.stage in ("steps", "robot"):
             yield line, "takes", in_unit(m)
@@ -98,6 +99,7 @@ def grown(found: Sequence[Measurement]) -> Iterator[Cell]:
         if m.measure == "wall" and m.parameter in GROWING:
             series.setdefault((m.variant, GROWING[m.parameter]), []).append(m)
     for (variant, column), line in series.items():
+        # A power needs two points at least.
         if len(line) > 1:
             ends = " to ".join(seconds(m.spread, brackets=False) for m in (line[0], line[-1]))
             power = exponent([m.value for m in line], [m.spread.median for m in line])
@@ -129,17 +131,21 @@ def in_unit(m: Measurement) -> str:
     """Return a quantity: seconds, bytes as MiB, rows per second."""
     if m.unit == "s":
         return seconds(m.spread)
-    return f"{m.spread.median / 2**20:.0f} MiB" if m.unit in ("B", "byte") else plain(m.spread)
+    return (
+        f"{m.spread.median / 2**20:.0f} MiB"
+        if m.unit in ("B", "byte")
+        else with_quartiles(m.spread)
+    )
 
 
 def seconds(value: Spread, *, brackets: bool = True) -> str:
     """Return a time in the unit that suits it, with quartiles unless there is but one value."""
     unit, name = next((each for each in UNITS if value.median >= each[0]), UNITS[-1])
     scaled = Spread(*(part / unit for part in value))
-    return f"{plain(scaled) if brackets else digits(scaled.median)} {name}"
+    return f"{with_quartiles(scaled) if brackets else digits(scaled.median)} {name}"
 
 
-def plain(value: Spread) -> str:
+def with_quartiles(value: Spread) -> str:
     """Return `median [q1, q3]`, the median alone where all are equal, nothing for NaN."""
     if isnan(value.median):
         return ""

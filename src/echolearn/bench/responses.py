@@ -29,7 +29,7 @@ HALL = Room((10.0, 8.0, 6.0), 0.6)
 PLACE = Pose(np.array([3.1, 4.2, 2.9]), 0.4)
 
 
-def responses(setting: Setting) -> Iterator[Measurement]:
+def time_responses(setting: Setting) -> Iterator[Measurement]:
     """Time the responses from one position to all microphones, over T60 and over microphones."""
     scene = setting.plan.scene
     for t60 in track(sorted({*setting.t60, *setting.peer_t60}), "bench rir", unit="T60"):

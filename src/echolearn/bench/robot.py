@@ -32,6 +32,7 @@ def robot(setting: Setting) -> Iterator[Measurement]:
         print(f"bench robot: no bundles under {setting.runs / 'bundles'}", file=sys.stderr)
         return
     load = f"from echolearn.robot.scorer import load; load({str(bundles[0])!r})"
+    # What a robot waits for at power-up: imports, proofs and the golden inputs.
     programs = {"ready": program("-c", load), BARE: program("-c", "pass")}
     yield from setting.compare("robot", programs)
     scene = setting.plan.scene
@@ -45,6 +46,7 @@ def robot(setting: Setting) -> Iterator[Measurement]:
 def onboard(folder: Path, walk: Path) -> Iterator[Measurement]:
     """Measure one bundle on a walk; one for another robot is left out, with a line about it."""
     words = ["-m", "echolearn.bench.onboard", str(folder), str(walk), *LOCALIZERS]
+    # A process of its own: memory is a high-water mark, which a second bundle would inherit.
     done = subprocess.run([sys.executable, *words], capture_output=True, text=True)
     name = folder.name
     if done.returncode:

@@ -16,12 +16,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from echolearn.bench.localizers import localizers
+from echolearn.bench.localizers import time_localizers
 from echolearn.bench.measurement import COLUMNS, KEYS, Measurement, Setting
 from echolearn.bench.models import inference, training
 from echolearn.bench.outlook import outlook
 from echolearn.bench.page import page as tables
-from echolearn.bench.responses import responses
+from echolearn.bench.responses import time_responses
 from echolearn.bench.robot import robot
 from echolearn.bench.sets import generating, growing
 from echolearn.bench.start import start
@@ -35,8 +35,8 @@ from echolearn.storage.files import clean, json_bytes, one_line, write_atomic
 from echolearn.storage.marked_page import Markers, around, write_between
 
 STAGES: dict[str, Callable[[Setting], Iterable[Measurement]]] = {
-    "rir": responses,
-    "localize": localizers,
+    "rir": time_responses,
+    "localize": time_localizers,
     "steps": steps,
     "generate": generating,
     "rows": growing,
@@ -88,6 +88,7 @@ def bench(
     folder = Path(runs) / "bench"
     setting = Setting(runs=Path(runs), place=folder, **often)
     load_before = os.getloadavg()[0]
+    # A killed benchmark could not remove its own.
     for killed in folder.glob(f"{SCRATCH}*"):
         shutil.rmtree(killed, ignore_errors=True)
     folder.mkdir(parents=True, exist_ok=True)
@@ -96,6 +97,7 @@ def bench(
     machine = describe_machine(load_before=load_before)
     write_results(folder, found, machine=machine, command=command)
     sys.stdout.write(f"{tables(found, machine)}\n\n")
+    # Pages show whole benchmarks only: half of one would replace more than it measured.
     if failed:
         told = f"failed; no page was changed, {folder} holds the others"
         raise StagesFailed(f"{', '.join(failed)}: {told}")

@@ -48,7 +48,8 @@ def generating(setting: Setting) -> Iterator[Measurement]:
     work = partial(respond, plan.scene)
     plan.scene.received(some[0].room, some[0].pose)  # compiled once, for all processes to come
     with processes(count) as pool:
-        list(pool.map(work, some[:1] * count))  # begun and imported, before the first lap
+        # The peer is not charged for the start of its processes.
+        list(pool.map(work, some[:1] * count))
         chunk = max(1, len(some) // 16)
         peer = Contestant(
             lambda: sum(pool.map(work, some, chunksize=chunk)),
@@ -94,10 +95,10 @@ def growing(setting: Setting) -> Iterator[Measurement]:
     for rows in track(setting.rows, "bench rows", unit="sizes"):
         plan = replace(setting.growing, rows=rows)
         with processes(1) as pool:
-            yield from pool.submit(make, plan, setting.place, workers=setting.workers).result()
+            yield from pool.submit(make_set, plan, setting.place, workers=setting.workers).result()
 
 
-def make(plan: Plan, place: Path, *, workers: int) -> list[Measurement]:
+def make_set(plan: Plan, place: Path, *, workers: int) -> list[Measurement]:
     """Make a set in a folder of its own, and remove it.
 
     Args:
@@ -114,6 +115,7 @@ def make(plan: Plan, place: Path, *, workers: int) -> list[Measurement]:
         seconds = time.perf_counter() - began
         size = sum(path.stat().st_size for path in made.iterdir())
         written = [path.stat().st_mtime_ns * 1e-9 for path in sorted(made.glob("shard-*.npy"))]
+    # The last shard may be a part, which would pass for a fast one.
     whole = written[: len(plan) // plan.shard_rows]
     found = (
         ("wall", "s", [seconds]),

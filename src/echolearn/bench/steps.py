@@ -112,6 +112,7 @@ def estimating(plan: Plan, observation: Observation) -> Iterator[Step]:
 
 def writing(plan: Plan, count: int, place: Path) -> Iterator[Step]:
     """Yield how records are written: with checksum, sync and rename, or plainly."""
+    # A real shard: what an array of zeros costs would say nothing of the disk.
     table = records(plan, range(count))
 
     def plainly() -> None:

@@ -50,7 +50,7 @@ def study_files(name: str, *, vary: str, rows: Sequence[Row]) -> dict[str, bytes
     """
     files = {
         "study.csv": to_csv(rows, columns(vary)),
-        "study.md": percent(name, vary=vary, rows=rows).encode(),
+        "study.md": shares_in_percent(name, vary=vary, rows=rows).encode(),
     }
     for figure, metrics in FIGURES.items():
         files[f"figures/{figure}.svg"] = draw_metrics(metrics, vary=vary, rows=rows).encode()
@@ -72,7 +72,7 @@ def picked(rows: Sequence[Row], **wanted: Any) -> list[Row]:
     return [row for row in rows if wanted.items() <= row.items()]
 
 
-def percent(name: str, *, vary: str, rows: Sequence[Row]) -> str:
+def shares_in_percent(name: str, *, vary: str, rows: Sequence[Row]) -> str:
     """Return the shares in per cent as Markdown, a table per metric and a column per value.
 
     Args:
