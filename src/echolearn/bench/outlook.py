@@ -11,7 +11,7 @@ from math import ceil
 from typing import Any
 
 from echolearn.bench.measurement import Measurement
-from echolearn.bench.page import Cell, measured_on, with_quartiles, table
+from echolearn.bench.page import Cell, measured_on, table, with_quartiles
 from echolearn.checks import BadValue
 from echolearn.runtime.timing import Spread
 
