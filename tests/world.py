@@ -5,7 +5,6 @@ The sets are those that `generate` makes, one shard each and without its process
 """
 
 import time
-from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Room
 from echolearn.cli import config
 from echolearn.comparison.choice import Comparison
+from echolearn.comparison.compare import load
 from echolearn.comparison.evaluate import evaluate
 from echolearn.dataset.generate import folder_of
 from echolearn.dataset.labelled_set import FORMAT, Dataset
@@ -34,7 +34,6 @@ from echolearn.storage import manifests
 from echolearn.storage.identity import by_short_names, plain
 from echolearn.storage.once import locked
 from echolearn.training.export import export
-from echolearn.training.runs import load_runs
 from echolearn.training.split import LearningProblem
 from echolearn.training.train import train as train_run
 
@@ -157,18 +156,9 @@ def pack(world: World, classifier: str, runs: Path, **changes: Any) -> Path:
 
 def evaluated(world: World) -> Comparison:
     """Return the comparison of the world."""
-    models = defaultdict(list)
-    for run in load_runs(world.runs):
-        models[run.model].append(run)
-    return evaluate(
-        models,
-        roles={name: dataset.manifest["plan"]["role"] for name, dataset in world.sets.items()},
-        sets=world.sets,
-        surveys={name: world.runs / "survey" / name for name in WALKS},
-        localizers=world.arguments["localizers"],
-        resamples=50,
-        workers=1,
-    )
+    keys = ("runs", "tested", "surveys", "localizers")
+    inputs = load(**{key: world.arguments[key] for key in keys})
+    return evaluate(inputs, resamples=50, workers=1)
 
 
 def coming_second(

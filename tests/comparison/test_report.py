@@ -14,7 +14,7 @@ import pytest
 from echolearn.checks import BadValue
 from echolearn.comparison import choice, drawings, report
 from echolearn.comparison.choice import Comparison
-from echolearn.comparison.tables import pick, titled, unfiltered
+from echolearn.comparison.tables import pick, placed, unfiltered
 from echolearn.evaluation.rows import Row
 from echolearn.storage.marked_page import around
 from echolearn.training.predictions import predict_echoes
@@ -80,8 +80,8 @@ def page(files: dict[str, bytes]) -> Page:
 
 @pytest.fixture(scope="module")
 def rows(comparison: Comparison) -> list[Row]:
-    """Return the means over seeds, with titles."""
-    return titled(pick(comparison.rows, seed=""), comparison.surveys.values())
+    """Return the means over seeds, with places."""
+    return placed(pick(comparison.rows, seed=""), comparison.surveys.values())
 
 
 # ---------------------------------------------------------------- the page
@@ -260,18 +260,12 @@ def test_rooms_may_be_walked_at_different_snrs(comparison: Comparison) -> None:
 
 @pytest.mark.parametrize(
     ("value", "percent", "figure"),
-    [
-        (0.125, "12", "0.12"),
-        (0.9999, "100", "1.00"),
-        (NAN, "", ""),
-        ("", "", ""),
-        (None, "", ""),
-    ],
+    [(0.125, "12", "0.12"), (0.9999, "100", "1.00"), (NAN, "", ""), ("", "", ""), (None, "", "")],
 )
 def test_figures_are_rounded_and_undefined_ones_left_out(
     value: Any, percent: str, figure: str
 ) -> None:
-    assert (report.percent(value), report.figure(value)) == (percent, figure)
+    assert (report.number(value, 100, 0), report.number(value)) == (percent, figure)
 
 
 def test_an_interval_is_shown_where_there_is_one_and_a_difference_has_a_sign() -> None:

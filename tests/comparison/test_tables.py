@@ -30,7 +30,7 @@ def row(classifier: str, trained_on: str, tested_on: str, value: float, **more: 
     role, split, target = ("reference", "", "") if trained_on == "-" else LEARNED
     model = Model(classifier, trained_on, role, "", split, target)
     common = {"seed": "", "snr_db": "", "metric": "auc", "value": value}
-    return model._asdict() | Recordings(tested_on, "set")._asdict() | common | more
+    return model.columns() | Recordings(tested_on, "set")._asdict() | common | more
 
 
 LEARNED = ("learned", "position", "reflector")
@@ -150,12 +150,12 @@ class TestSurveys:
     )
 
     def results(self, classifier: str, trained_on: str = "-", **more: Any) -> list[Row]:
-        """Return a row for each survey, with titles."""
+        """Return a row for each survey, with places."""
         rows = []
         for survey in self.SURVEYS.values():
             here = survey.labelled.source._asdict() | {"snr_db": survey.snr_db}
             rows.append(row(classifier, trained_on, "", len(rows)) | here | more)
-        return tables.titled(rows, self.SURVEYS.values())
+        return tables.placed(rows, self.SURVEYS.values())
 
     def test_snrs_and_the_main_localizer(self) -> None:
         one = bare(surveys=self.SURVEYS)
@@ -183,7 +183,7 @@ class TestSurveys:
             source = survey.labelled.source._replace(noise=noise)
             surveys.append(replace(survey, labelled=replace(survey.labelled, source=source)))
         rows = [row("chance", "-", name, 0.5) for name in "ab"]
-        assert tuple(each["place"] for each in tables.titled(rows, surveys)) == places
+        assert tuple(each["place"] for each in tables.placed(rows, surveys)) == places
 
     def test_by_room_there_is_a_line_per_localizer_and_a_cell_per_snr(self) -> None:
         rows = self.results("keep_everything", metric="precision")
@@ -225,7 +225,7 @@ class TestSets:
             row("a", "paper", "off", 0.1, snr_db="-5:40"),
             row("a", "paper", "walk", 0.2, kind="survey"),
         ]
-        found = tables.generalisation(tables.titled(rows, []))
+        found = tables.generalisation(tables.placed(rows, []))
         cells = {}
         for (training, _, classifier), line in found.items():
             cells[training, classifier] = {name: cell["value"] for name, cell in line.items()}
@@ -237,7 +237,7 @@ class TestSets:
 
     def test_the_worst_of_the_sets_made_for_testing_counts(self) -> None:
         rows = [
-            row("a", "set", name, value, set_role="test") for name, value in zip("xyz", (8, 7, 9))
+            row("a", "set", name, value, set_role="test") for name, value in zip("xyz", (8, 7, 9), strict=True)
         ]
         rows += [row("a", "set", "paper", 2), row("chance", "-", "x", 5, set_role="test")]
         found = tables.worst_test_set(rows)

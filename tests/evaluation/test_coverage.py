@@ -57,7 +57,7 @@ def test_coverage_by_hand():
 
 
 def test_nearest_neighbour_error_by_hand():
-    """From the point: 0.3 m, and the nearest sample is 0.025 m along; from the wall: ten samples."""
+    """From the point 0.3 m, and 0.025 m along to the nearest sample; from the wall ten samples."""
     along = np.array([0.025, 0.075, 0.125, 0.175, 0.225])
     forward = np.hypot(0.3, 0.025)
     backward = np.hypot(0.3, along).mean()

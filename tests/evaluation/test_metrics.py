@@ -1,4 +1,4 @@
-"""Golden numbers by hand for every metric, scikit-learn as the oracle, and what empty input gives."""
+"""Golden numbers by hand for every metric, scikit-learn as the oracle, what empty input gives."""
 
 from functools import partial
 

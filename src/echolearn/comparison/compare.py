@@ -14,9 +14,9 @@ from typing import Any
 from echolearn.checks import BadValue, check, check_list, check_name, check_whole
 from echolearn.comparison import report
 from echolearn.comparison.choice import Comparison, chosen_run
-from echolearn.comparison.evaluate import evaluate
+from echolearn.comparison.evaluate import Inputs, evaluate
 from echolearn.dataset.labelled_set import Dataset
-from echolearn.evaluation.rows import Model, to_csv
+from echolearn.evaluation.rows import to_csv
 from echolearn.localization.localizer import Localizer
 from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.identity import digest, plain
@@ -29,20 +29,15 @@ from echolearn.storage.manifests import (
 )
 from echolearn.storage.marked_page import around
 from echolearn.storage.once import once
-from echolearn.training.runs import Run, load_runs
+from echolearn.training.runs import load_runs
 
-WHO = ("role", "method", "split", "target", "kind", "set_role", "room", "localizer")
-"""Columns of both tables that tell what a row is about, beyond its names."""
+ABOUT = " role method split target kind set_role room localizer"
+"""Columns of both tables that tell what a row is about, so that no name need be taken apart."""
 
-COLUMNS = (
-    *"classifier trained_on tested_on seed snr_db noise metric value ci_low ci_high n".split(),
-    *WHO,
-)
+COLUMNS = "classifier trained_on tested_on seed snr_db noise metric value ci_low ci_high n" + ABOUT
 TEST_COLUMNS = (
-    *"classifier against trained_on tested_on snr_db metric".split(),
-    *"difference ci_low ci_high p p_holm n".split(),
-    *WHO,
-)
+    "classifier against trained_on tested_on snr_db metric difference ci_low ci_high p p_holm n"
+) + ABOUT
 
 
 def compare(
@@ -78,85 +73,83 @@ def compare(
             differ in their settings but not in their name, a README without the markers.
     """
     runs = Path(runs)
-    check_name("name", name)
-    _check_asked_for(tested, surveys, localizers)
-    check_whole("resamples", resamples, low=20, high=100_000)
-    check_whole("workers", workers, low=1, high=1024)
+    folder = runs / "compare" / name
+    _check(name, tested=tested, surveys=surveys, resamples=resamples, workers=workers)
     if readme is not None:
         around(readme, report.RESULTS)
-
-    trained = _trained(runs)
-    sets = {key: Dataset(find_set(runs, key)) for key in tested}
-    folders = {key: find_survey(runs, key) for key in surveys}
-    inputs = {
-        "runs": {run.identity: run.metrics["model"]["sha256"] for run in trained},
-        "sets": {key: dataset.digest for key, dataset in sets.items()},
-        "surveys": {key: digest(verify(place)["files"]) for key, place in folders.items()},
-        "localizers": plain(dict(localizers)),
-        "resamples": resamples,
-        "report": report.FORMAT,
-    }
-    folder = runs / "compare" / name
+    inputs = load(runs, tested=tested, surveys=surveys, localizers=localizers)
+    known = identity(inputs) | {"resamples": resamples, "report": report.FORMAT}
 
     def make() -> Path:
-        comparison = evaluate(
-            _models(trained),
-            roles=_roles(runs),
-            sets=sets,
-            surveys=folders,
-            localizers=localizers,
-            resamples=resamples,
-            workers=workers,
-        )
-        about = {"kind": "comparison", "inputs": inputs} | command_entry(command)
+        comparison = evaluate(inputs, resamples=resamples, workers=workers)
+        about = {"kind": "comparison", "inputs": known} | command_entry(command)
         return _write(folder, comparison, about=about)
 
-    once(
-        folder,
-        finished=lambda: folder if _is_finished(folder, inputs) else None,
-        make=make,
-        doing="makes this comparison",
-    )
+    def finished() -> Path | None:
+        return folder if _is_finished(folder, known) else None
+
+    once(folder, finished=finished, make=make, doing="makes this comparison")
     report.show(folder, readme=readme)
     return folder
 
 
-def _check_asked_for(
-    tested: Sequence[str], surveys: Sequence[str], localizers: Mapping[str, Localizer]
+def _check(
+    name: str, *, tested: Sequence[str], surveys: Sequence[str], resamples: int, workers: int
 ) -> None:
+    check_name("name", name)
     for key, names in {"tested": tested, "surveys": surveys}.items():
         check_list(key, names)
         known = [str(each) for each in names]
         check(len(set(known)) == len(known), key, ", ".join(known), allowed="each name only once")
     check(len(tested) > 0, "tested", "[]", allowed="the name of at least one labelled set")
-    check(
-        not surveys or len(localizers) > 0,
-        "localizers",
-        "{}",
-        allowed="at least one, to localize the surveys",
+    check_whole("resamples", resamples, low=20, high=100_000)
+    check_whole("workers", workers, low=1, high=1024)
+
+
+def load(
+    runs: Path,
+    *,
+    tested: Sequence[str],
+    surveys: Sequence[str],
+    localizers: Mapping[str, Localizer],
+) -> Inputs:
+    """Return all finished runs, by model, and what is asked for.
+
+    Args:
+        runs: folder of everything generated.
+        tested: names of labelled sets.
+        surveys: names of surveys.
+        localizers: localizers by name.
+
+    Raises:
+        BadValue: something is missing or damaged.
+    """
+    models = defaultdict(list)
+    for run in load_runs(runs):
+        models[run.model].append(run)
+    hint = "run `echolearn train` first"
+    check(len(models) > 0, "runs", runs, allowed="a folder with trained runs", hint=hint)
+    enough = len(localizers) > 0 or not surveys
+    check(enough, "localizers", "{}", allowed="at least one, to localize the surveys")
+    plans = [load_manifest(path.parent)["plan"] for path in runs.glob(f"data/*/{MANIFEST}")]
+    return Inputs(
+        models,
+        {plan["name"]: plan["role"] for plan in plans},
+        {key: Dataset(find_set(runs, key)) for key in tested},
+        {key: find_survey(runs, key) for key in surveys},
+        localizers,
     )
 
 
-def _trained(runs: Path) -> list[Run]:
-    """Return all finished runs."""
-    trained = load_runs(runs)
-    hint = "run `echolearn train` first"
-    check(len(trained) > 0, "runs", runs, allowed="a folder with trained runs", hint=hint)
-    return trained
-
-
-def _models(trained: Sequence[Run]) -> dict[Model, list[Run]]:
-    """Return the runs of each model, which differ in their seeds alone."""
-    models = defaultdict(list)
-    for run in trained:
-        models[run.model].append(run)
-    return dict(models)
-
-
-def _roles(runs: Path) -> dict[str, str]:
-    """Return what each set was made for, by its plan's name."""
-    plans = [load_manifest(path.parent)["plan"] for path in runs.glob(f"data/*/{MANIFEST}")]
-    return {plan["name"]: plan["role"] for plan in plans}
+def identity(inputs: Inputs) -> dict[str, Any]:
+    """Return what tells inputs from all others, as plain containers; every survey is proved."""
+    runs = [run for each in inputs.models.values() for run in each]
+    return {
+        "runs": {run.identity: run.metrics["model"]["sha256"] for run in runs},
+        "sets": {key: dataset.digest for key, dataset in inputs.sets.items()},
+        "surveys": {key: digest(verify(place)["files"]) for key, place in inputs.surveys.items()},
+        "localizers": plain(dict(inputs.localizers)),
+    }
 
 
 def _is_finished(folder: Path, inputs: Mapping[str, Any]) -> bool:
@@ -169,8 +162,8 @@ def _is_finished(folder: Path, inputs: Mapping[str, Any]) -> bool:
 def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) -> Path:
     clean(folder)
     files = {
-        "results.csv": to_csv(comparison.rows, COLUMNS),
-        "tests.csv": to_csv(comparison.tests, TEST_COLUMNS),
+        "results.csv": to_csv(comparison.rows, COLUMNS.split()),
+        "tests.csv": to_csv(comparison.tests, TEST_COLUMNS.split()),
     }
     files |= report.make(comparison, name=folder.name)
     for file, content in files.items():

@@ -12,7 +12,7 @@ from echolearn.comparison.tables import (
     main_localizer,
     pick,
     pivot,
-    titled,
+    placed,
     unfiltered,
 )
 from echolearn.evaluation.rows import Row
@@ -53,7 +53,7 @@ def draw_sets(comparison: Comparison) -> dict[str, str]:
 def draw_surveys(comparison: Comparison) -> dict[str, str]:
     """Return the figures about surveys: maps before and after, quality over SNR, directions."""
     shown = levels(comparison)
-    rows = titled(pick(comparison.rows, seed=""), comparison.surveys.values())
+    rows = placed(pick(comparison.rows, seed=""), comparison.surveys.values())
     pictures = {
         "maps_first": figures.maps(panels(comparison, rows, snr_db=shown[0])),
         "quality": figures.over_snr(
@@ -74,7 +74,7 @@ def panels(comparison: Comparison, rows: Sequence[Row], *, snr_db: str) -> list[
 
     Args:
         comparison: what was found.
-        rows: rows with titles.
+        rows: means over seeds, with places.
         snr_db: SNR of the surveys.
     """
     best = chosen(comparison)
@@ -90,7 +90,7 @@ def panels(comparison: Comparison, rows: Sequence[Row], *, snr_db: str) -> list[
 
 
 def quality(comparison: Comparison, rows: Sequence[Row]) -> Panels:
-    """Return balanced accuracy of the maps, a line for each drawn model, with the main localizer."""
+    """Return balanced accuracy of the main localizer's maps, a line for each drawn model."""
     names = tuple(model.classifier for model in drawn(comparison))
     maps = pick(rows, kind="survey", localizer=main_localizer(comparison), classifier=names)
     lines = pick(maps, metric="balanced_accuracy", training=headline(comparison))

@@ -1,8 +1,11 @@
 """Evaluate all models on all sets and surveys, shared out among processes."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from echolearn.comparison.choice import Comparison
 from echolearn.comparison.localized import localize_survey
@@ -23,6 +26,25 @@ Models = Mapping[Model, Sequence[Run]]
 """Finished runs of each model, one for each seed."""
 
 
+@dataclass(frozen=True)
+class Inputs:
+    """Who is evaluated, and on what.
+
+    Attributes:
+        models: finished runs of each model, one for each seed.
+        roles: what each training set was made for, by its plan's name.
+        sets: labelled sets by name.
+        surveys: folders of surveys by name.
+        localizers: localizers by name; the points of the first one are tested in pairs.
+    """
+
+    models: Models
+    roles: Mapping[str, str]
+    sets: Mapping[str, Dataset]
+    surveys: Mapping[str, Path]
+    localizers: Mapping[str, Localizer]
+
+
 class Evaluation(NamedTuple):
     """What was found on one set or survey: rows of results.csv and of tests.csv, and the survey."""
 
@@ -31,50 +53,36 @@ class Evaluation(NamedTuple):
     survey: LocalizedSurvey | None = None
 
 
-def evaluate(
-    models: Models,
-    *,
-    roles: Mapping[str, str],
-    sets: Mapping[str, Dataset],
-    surveys: Mapping[str, Path],
-    localizers: Mapping[str, Localizer],
-    resamples: int,
-    workers: int,
-) -> Comparison:
+def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
     """Evaluate every model on every set and on every survey by each localizer.
 
     Args:
-        models: finished runs of each model.
-        roles: what each training set was made for, by its plan's name.
-        sets: labelled sets by name.
-        surveys: folders by name.
-        localizers: localizers by name; the points of the first one are tested in pairs.
+        inputs: models, sets, surveys, localizers.
         resamples: bootstrap draws behind every interval.
         workers: processes; the result does not depend on their number.
     """
-    pairs = [(name, localizer) for name in surveys for localizer in localizers]
-    first = next(iter(localizers), "")
+    models, sets = inputs.models, inputs.sets
+    jobs: dict[Any, Future[Evaluation]] = {}
     with processes(workers) as pool:
-        jobs = []
-        for dataset in sets.values():
-            jobs.append(pool.submit(evaluate_set, models, dataset.folder, resamples=resamples))
-        for name, localizer in pairs:
-            job = pool.submit(
+        for name, dataset in sets.items():
+            jobs[name] = pool.submit(evaluate_set, models, dataset.folder, resamples=resamples)
+        for name, (label, localizer) in product(inputs.surveys, inputs.localizers.items()):
+            jobs[name, label] = pool.submit(
                 evaluate_survey,
                 models,
-                surveys[name],
-                localizer=localizers[localizer],
-                name=localizer,
-                paired=localizer == first,
+                inputs.surveys[name],
+                localizer=localizer,
+                name=label,
+                paired=label == next(iter(inputs.localizers)),
                 resamples=resamples,
             )
-            jobs.append(job)
-        done = [job.result() for job in track(jobs, "evaluate", unit="sets and surveys")]
+        waiting = track(list(jobs.values()), "evaluate", unit="sets and surveys")
+        done = [job.result() for job in waiting]
     rows = [row for found in done for row in found.rows]
     # All tests of a family are corrected together, so only when all of them are known.
     tests = scoring.correct(row for found in done for row in found.tests)
-    localized = dict(zip(pairs, (found.survey for found in done[len(sets) :]), strict=True))
-    return Comparison(models, roles, sets, localized, rows, tests)
+    localized = {key: found.survey for key, found in zip(jobs, done, strict=True) if found.survey}
+    return Comparison(models, inputs.roles, sets, localized, rows, tests)
 
 
 def evaluate_set(models: Models, folder: Path, *, resamples: int) -> Evaluation:
@@ -131,14 +139,12 @@ def evaluate_survey(
     rows: list[Row] = []
     for model, each in everyone.items():
         rows.extend(scoring.score_map(model, each, survey=survey))
-    tests: list[Row] = []
-    if paired and survey.snr_db in SHOWN_DB:
-        tests.extend(
-            against_baseline(
-                predictions, survey.labelled, metric="balanced_accuracy", snr_db=survey.snr_db
-            )
-        )
-    return Evaluation(rows, tests, survey)
+    if not (paired and survey.snr_db in SHOWN_DB):
+        return Evaluation(rows, [], survey)
+    tests = against_baseline(
+        predictions, survey.labelled, metric="balanced_accuracy", snr_db=survey.snr_db
+    )
+    return Evaluation(rows, list(tests), survey)
 
 
 def against_baseline(
@@ -167,5 +173,5 @@ def against_baseline(
         leaky = model.split == "row"
         if model.classifier != BASELINE and not leaky and scoring.pair_seeds(given, baseline):
             found = scoring.paired_difference(given, baseline, labelled=labelled, metric=metric)
-            about = model._asdict() | labelled.source._asdict()
+            about = model.columns() | labelled.source._asdict()
             yield about | {"against": BASELINE, "snr_db": snr_db} | found

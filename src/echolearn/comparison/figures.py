@@ -245,38 +245,3 @@ def arrival_times(sets: Mapping[str, tuple[Array, Array]]) -> str:
         axes[0].legend(loc="upper right")
 
     return draw(paint, width=4.6 * len(sets), height=3.0)
-
-
-def powers(
-    panels: Mapping[str, Mapping[str, Sequence[tuple[float, float, float, float]]]],
-    *,
-    ylabel: str,
-    level: bool = False,
-) -> str:
-    """Draw how something grows with several parameters, in logarithms, a panel per parameter.
-
-    Args:
-        panels: parameter -> label -> points (its value, median, lower and upper quartile).
-        ylabel: name of what grows.
-        level: draw what should stay the same: from zero, not in logarithms.
-    """
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots(1, len(panels), squeeze=False).ravel()
-        for axis, (parameter, lines) in zip(axes, panels.items(), strict=True):
-            for number, (label, points) in enumerate(lines.items()):
-                x, median, low, high = np.array(points).T
-                spread = [median - low, high - median]
-                axis.errorbar(x, median, yerr=spread, markersize=4, label=label, **stroke(number))
-            ticks = sorted({point[0] for points in lines.values() for point in points})
-            axis.set(
-                xscale="log",
-                xlabel=parameter,
-                **({"ylim": (0, None)} if level else {"yscale": "log"}),
-            )
-            axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-            axis.set_xticks([], minor=True)
-            axis.legend(loc="best", fontsize=7)
-        axes[0].set_ylabel(ylabel)
-
-    return draw(paint, width=4.4 * len(panels), height=3.8)

@@ -1,5 +1,4 @@
-"""The report of a comparison: figures, one HTML page that opens offline, the table on the terminal
-and in the README.
+"""The report of a comparison: one HTML page that opens offline, the table of terminal and README.
 
 Every number in the page is computed from the comparison; the sentences around them are written so
 that they hold whatever the numbers are.
@@ -9,6 +8,7 @@ import platform
 import re
 import sys
 from base64 import b64encode
+from contextlib import suppress
 from importlib import resources
 from importlib.metadata import version
 from os import cpu_count
@@ -26,15 +26,7 @@ from echolearn.storage.marked_page import Markers, write_between
 FORMAT = 7
 """Version of the report and the tables; part of a comparison's identity."""
 
-LIBRARIES = (
-    "numpy",
-    "scipy",
-    "scikit-learn",
-    "torch",
-    "lightning",
-    "onnxruntime",
-    "pyroomacoustics",
-)
+LIBRARIES = "numpy scipy scikit-learn torch lightning onnxruntime pyroomacoustics".split()
 """Libraries whose versions the report tells."""
 
 RESULTS = Markers(
@@ -69,34 +61,22 @@ def template(name: str) -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {
-        "percent": percent,
-        "figure": figure,
-        "interval": interval,
-        "signed": signed,
-        "shade": shade,
-    }
-    return environment.from_string(
-        (resources.files("echolearn.comparison") / "templates" / name).read_text()
-    )
+    environment.filters |= {each.__name__: each for each in (number, interval, signed, shade)}
+    text = (resources.files("echolearn.comparison") / "templates" / name).read_text()
+    return environment.from_string(text)
 
 
-def percent(value: Any) -> str:
-    """Return a share as a whole percentage; nothing for NaN."""
-    return "" if value in ("", None) or np.isnan(value) else f"{100 * value:.0f}"
-
-
-def figure(value: Any) -> str:
-    """Return a figure with two decimals; nothing for NaN."""
-    return "" if value in ("", None) or np.isnan(value) else f"{value:.2f}"
+def number(value: Any, scale: float = 1.0, digits: int = 2) -> str:
+    """Return a figure, scaled; nothing where there is none."""
+    return "" if value in ("", None) or np.isnan(value) else f"{scale * value:.{digits}f}"
 
 
 def interval(row: Row | None, scale: float = 1.0, digits: int = 2) -> str:
-    """Return `value [low, high]` of a row, scaled."""
-    if row is None or np.isnan(row["value"]):
+    """Return `value [low, high]` of a row, scaled; nothing where there is none."""
+    if row is None:
         return ""
-    value, low, high = (f"{scale * row[key]:.{digits}f}" for key in ("value", "ci_low", "ci_high"))
-    return f"{value} [{low}, {high}]" if low != "nan" else value
+    value, low, high = (number(row[key], scale, digits) for key in ("value", "ci_low", "ci_high"))
+    return f"{value} [{low}, {high}]" if value and low else value
 
 
 def signed(test: Row, scale: float = 100.0, digits: int = 1) -> str:
@@ -116,15 +96,14 @@ def shade(value: float) -> str:
 
 def machine() -> dict[str, str]:
     """Describe the machine and the libraries."""
-    try:
+    models = []
+    with suppress(OSError):
         models = re.findall(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text())
-    except OSError:
-        models = []
-    libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
+    processor = next(iter(models), platform.processor() or platform.machine())
     return {
-        "processor": f"{(models or [platform.processor() or platform.machine()])[0]}, {cpu_count()} cores",
+        "processor": f"{processor}, {cpu_count()} cores",
         "system": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
-        "libraries": libraries,
+        "libraries": ", ".join(f"{name} {version(name)}" for name in LIBRARIES),
     }
 
 

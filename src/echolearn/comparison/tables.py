@@ -15,7 +15,6 @@ from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation.rows import (
     SNR_BANDS_DB,
     LocalizedSurvey,
-    Model,
     Row,
     in_band,
 )
@@ -51,25 +50,20 @@ def pivot(rows: Iterable[Row], *, lines: Sequence[str], cells: str) -> Table:
     return table
 
 
-def titled(rows: Iterable[Row], surveys: Iterable[LocalizedSurvey]) -> list[Row]:
-    """Return rows with what tables call their `training`, and the `place` of their survey.
+def placed(rows: Iterable[Row], surveys: Iterable[LocalizedSurvey]) -> list[Row]:
+    """Return rows with the `place` under which their survey stands in tables.
 
     Surveys of one room stand together, told from each other by their SNR; where that is not
     enough, those of one room and noise; else each stands for itself.
     """
     recorded = {survey.labelled.source: survey.snr_db for survey in surveys}
-    places: dict[str, str] = {}
+    places = {"": ""}
     for title in ("{0.room}", "{0.room}, {0.noise}", "{0.tested_on}"):
         places = {source.tested_on: title.format(source) for source in recorded}
         cells = {(places[source.tested_on], snr_db) for source, snr_db in recorded.items()}
         if len(cells) == len(places):
             break
-    found = []
-    for row in rows:
-        model = Model(*(row[name] for name in Model._fields))
-        place = places.get(row["tested_on"], "")
-        found.append(row | {"training": model.training, "place": place})
-    return found
+    return [row | {"place": places.get(row["tested_on"], "")} for row in rows]
 
 
 def snrs(comparison: Comparison) -> list[str]:
@@ -113,8 +107,8 @@ def gather(comparison: Comparison) -> dict[str, Any]:
     source = headline(comparison)
     best = chosen(comparison)
     surveys = comparison.surveys.values()
-    rows = titled(pick(comparison.rows, seed=""), surveys)
-    tests = pick(titled(comparison.tests, surveys), training=source)
+    rows = placed(pick(comparison.rows, seed=""), surveys)
+    tests = pick(placed(comparison.tests, surveys), training=source)
     here = pick(rows, training=("-", source))
     left = pick(here, kind="survey", classifier=best.classifier)
     runs = [run for seeds in comparison.models.values() for run in seeds]

@@ -52,6 +52,10 @@ class Model(NamedTuple):
             unusual.append(f"{self.split} split")
         return f"{self.trained_on} ({', '.join(unusual)})" if unusual else self.trained_on
 
+    def columns(self) -> Row:
+        """Return its fields and `training` as cells of a row."""
+        return self._asdict() | {"training": self.training}
+
 
 class Recordings(NamedTuple):
     """Where test rows come from; its fields are columns of results.

@@ -133,7 +133,7 @@ def tabulate(
         snr_db: entry of that column.
     """
     counts = [len(given.rows) for given in predictions]
-    common = model._asdict() | labelled.source._asdict()
+    common = model.columns() | labelled.source._asdict()
     common |= {"snr_db": snr_db, "n": round(np.mean(counts))}
     each = [evaluate(given, None) for given in predictions]
     if len(predictions) > 1:
@@ -231,8 +231,7 @@ def correct(tests: Iterable[Row]) -> list[Row]:
     rows = [dict(row) for row in tests]
     families: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
-        family = (row["metric"], row["trained_on"], row["target"])
-        families.setdefault(family, []).append(row)
+        families.setdefault((row["metric"], row["training"]), []).append(row)
     for family_rows in families.values():
         adjusted = stats.holm(np.array([row["p"] for row in family_rows]))
         for row, p in zip(family_rows, adjusted, strict=True):

@@ -10,10 +10,10 @@ also pairs them.
 - Paired test: under the null hypothesis it does not matter which model gave which answer, so swap
   the answers of the two at random, cluster by cluster; p = (1 + #{|difference of a swap| >=
   |difference|}) / (1 + swaps). Confidences are first replaced by their ranks, so that models of
-  different scales can be swapped (Venkatraman, Begg, Biometrika 83, 1996). Swapping is exact without
-  ranks and nearly so with them: 2 500 simulated null cases gave p <= 0.05 in 5.8 % with 60 clusters,
-  in 5.1 % with 200. The metrics tested here are linear in the swaps: each row has its share of the
-  difference, whose sign turns, so all swaps are one product of matrices.
+  different scales can be swapped (Venkatraman, Begg, Biometrika 83, 1996). Swapping is exact
+  without ranks and nearly so with them: 2 500 simulated null cases gave p <= 0.05 in 5.8 % with 60
+  clusters, in 5.1 % with 200. The metrics tested here are linear in the swaps: each row has its
+  share of the difference, whose sign turns, so all swaps are one product of matrices.
 - Several tests: Holm (Scandinavian Journal of Statistics 6, 1979). Single proportions: Wilson
   (1927).
 """
@@ -32,7 +32,7 @@ LEVEL = 0.95
 """Confidence of every interval."""
 
 BLOCK = 2**16
-"""Weights that are worked on at a time: 0.5 MB stay in the processor's cache, several times faster."""
+"""Weights worked on at a time: 0.5 MB stay in the processor's cache, several times faster."""
 
 Statistic = Callable[[Array | None], Array]
 """A figure of weights (resamples, B), shape (resamples,), or of None: the figure itself."""
