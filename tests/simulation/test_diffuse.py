@@ -9,7 +9,7 @@ from scipy import signal
 from scipy.special import j0
 
 from echolearn.acoustics.geometry import circular_array
-from echolearn.acoustics.types import Array, MicArray
+from echolearn.acoustics.types import MicArray
 from echolearn.checks import BadValue
 from echolearn.simulation.noise.diffuse import Diffuse, _mixing, coherence, mix
 from echolearn.simulation.noise.rotor import Rotor
@@ -24,32 +24,32 @@ FREE = MicArray(
 class Plain:
     """White noise at one point."""
 
-    def __call__(self, *, length: int, sample_rate: float, rng: np.random.Generator) -> Array:
+    def __call__(self, *, length, sample_rate, rng):
         """Return white noise."""
         return rng.standard_normal(length)
 
 
-def spectra(samples: Array, frame: int) -> Array:
+def spectra(samples, frame):
     """Return spectra of frames that do not overlap, shape (M, F, T)."""
     frames = samples[:, : samples.shape[1] // frame * frame].reshape(len(samples), -1, frame)
     return np.moveaxis(np.fft.rfft(frames * np.hanning(frame)), 1, 2)
 
 
-def estimate(values: Array) -> Array:
+def estimate(values):
     """Return the coherence matrix of independent observations (M, F, T), shape (F, M, M)."""
     cross = np.einsum("pft,qft->fpq", values, values.conj())
     power = np.sqrt(np.einsum("fpp->fp", cross).real)
     return cross / (power[:, :, None] * power[:, None])
 
 
-def roots() -> Array:
+def roots():
     """Return the roots of the ring's coherence."""
     places = tuple(map(tuple, RING.positions.tolist()))
     return _mixing(places, bins=1025, sample_rate=RATE, speed_of_sound=343.0)
 
 
 @pytest.mark.parametrize("array", [RING, FREE], ids=["ring", "free"])
-def test_every_pair_of_microphones_agrees_as_in_a_diffuse_field(array: MicArray) -> None:
+def test_every_pair_of_microphones_agrees_as_in_a_diffuse_field(array):
     """Of T independent frames, coherence c is estimated within sqrt((1 - c^2)^2 / 2T) (real part),
     1 / sqrt(2T)."""
     samples = Diffuse(Plain())(
@@ -71,7 +71,7 @@ def test_every_pair_of_microphones_agrees_as_in_a_diffuse_field(array: MicArray)
             assert abs(score.mean()) < 0.3, (p, q)
 
 
-def test_a_rotor_is_as_diffuse_as_white_noise() -> None:
+def test_a_rotor_is_as_diffuse_as_white_noise():
     """One frame from each draw: lines keep their phase within one, so only draws are independent."""
     rng, field = np.random.default_rng(1), Diffuse(Rotor())
     draws = [field(RING, length=4096, sample_rate=RATE, rng=rng) for _ in range(250)]
@@ -83,7 +83,7 @@ def test_a_rotor_is_as_diffuse_as_white_noise() -> None:
         assert np.abs(found[index] - expected).max() < 5 / np.sqrt(2 * 250) + 0.02, hertz
 
 
-def test_matrices_are_roots_of_the_coherence_and_those_of_the_package() -> None:
+def test_matrices_are_roots_of_the_coherence_and_those_of_the_package():
     anf = pytest.importorskip("anf_generator")
     about = anf.CoherenceMatrix.Parameters(RING.positions, "cylindrical", RATE, nfft=2048, c=343.0)
     expected = np.moveaxis(anf.CoherenceMatrix.CoherenceMatrix(about).matrix, -1, 0)
@@ -92,7 +92,7 @@ def test_matrices_are_roots_of_the_coherence_and_those_of_the_package() -> None:
     assert np.allclose(root, root.mT)
 
 
-def test_the_field_is_no_worse_than_that_of_the_package() -> None:
+def test_the_field_is_no_worse_than_that_of_the_package():
     """The same segments mixed by both, the coherence of each against J0; the package overlaps
     frames by a quarter."""
     anf = pytest.importorskip("anf_generator")
@@ -109,7 +109,7 @@ def test_the_field_is_no_worse_than_that_of_the_package() -> None:
     assert errors[0] < 1.2 * np.sqrt(1 / (800_000 // 2048))
 
 
-def test_mixing_is_a_linear_filter_of_phase_zero_without_a_trace_of_frames() -> None:
+def test_mixing_is_a_linear_filter_of_phase_zero_without_a_trace_of_frames():
     """An impulse anywhere in a frame comes out as the same kernel, symmetric in time, with all of
     its energy."""
     root = roots()
@@ -124,7 +124,7 @@ def test_mixing_is_a_linear_filter_of_phase_zero_without_a_trace_of_frames() -> 
     assert np.sum(kernels[0] ** 2) == pytest.approx(1.0, abs=0.01)  # diagonal of J is 1
 
 
-def test_power_does_not_vary_with_the_place_in_a_frame() -> None:
+def test_power_does_not_vary_with_the_place_in_a_frame():
     draws = [
         Diffuse(Plain())(RING, length=8192, sample_rate=RATE, rng=np.random.default_rng(s))
         for s in range(40)
@@ -133,7 +133,7 @@ def test_power_does_not_vary_with_the_place_in_a_frame() -> None:
     assert np.allclose(power, 1.0, atol=6 * np.sqrt(2 / (40 * 256 * 3)))
 
 
-def test_one_microphone_hears_the_source_as_it_is() -> None:
+def test_one_microphone_hears_the_source_as_it_is():
     rng = np.random.default_rng(3)
     source = Plain()(length=5000 + 1024, sample_rate=RATE, rng=np.random.default_rng(3))[512:5512]
     heard = Diffuse(Plain())(MicArray(RING.positions[:1]), length=5000, sample_rate=RATE, rng=rng)[
@@ -142,7 +142,7 @@ def test_one_microphone_hears_the_source_as_it_is() -> None:
     assert np.allclose(heard, source / np.sqrt(np.mean(source**2)))
 
 
-def test_sound_that_is_slower_is_less_coherent() -> None:
+def test_sound_that_is_slower_is_less_coherent():
     half = coherence(RING.positions, np.array([400.0]), speed_of_sound=171.5)
     assert np.allclose(half, coherence(RING.positions, np.array([800.0]), speed_of_sound=343.0))
     slow, fast = (
@@ -160,6 +160,6 @@ def test_sound_that_is_slower_is_less_coherent() -> None:
 @pytest.mark.parametrize(
     ("name", "value"), [("frame", 10), ("frame", 100.5), ("speed_of_sound", 0.343)]
 )
-def test_bad_fields_are_refused(name: str, value: float) -> None:
+def test_bad_fields_are_refused(name, value):
     with pytest.raises(BadValue, match=f"^diffuse.{name}={value} "):
-        Diffuse(Plain(), **{name: value})  # type: ignore[arg-type]
+        Diffuse(Plain(), **{name: value})

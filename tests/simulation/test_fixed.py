@@ -7,7 +7,6 @@ import pytest
 
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import circular_array
-from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.simulation.noise.fixed import Fixed
 from echolearn.simulation.noise.rotor import Rotor
@@ -19,15 +18,15 @@ RING = circular_array()
 class Hiss:
     """White noise at a point."""
 
-    def __call__(self, *, length: int, sample_rate: float, rng: np.random.Generator) -> Array:
+    def __call__(self, *, length, sample_rate, rng):
         return rng.standard_normal(length)
 
 
-def draw(noise: Fixed, length: int = 20_000) -> Array:
+def draw(noise, length=20_000):
     return noise(RING, length=length, sample_rate=22050.0, rng=np.random.default_rng(0))
 
 
-def test_a_source_is_louder_and_earlier_where_it_is_near() -> None:
+def test_a_source_is_louder_and_earlier_where_it_is_near():
     """Level by 1/d; delays by d/c, read from the phase between microphones 1 and 4 and from the
     peak of 1 and 2."""
     place = np.array([0.5, 0.1, 0.2])
@@ -41,7 +40,7 @@ def test_a_source_is_louder_and_earlier_where_it_is_near() -> None:
     assert lag == pytest.approx((distance[3] - distance[0]) / 343.0 * 22050.0, abs=0.08)
 
 
-def test_fewer_sources_than_microphones_leave_directions_without_noise() -> None:
+def test_fewer_sources_than_microphones_leave_directions_without_noise():
     places = [[0.3, 0.3, 0.1], [-0.3, 0.3, 0.1]]
     values = np.linalg.eigvalsh(signals.noise_covariance(draw(Fixed(Hiss(), places), 200_000)))
     assert (values[20:-20, -3] < 0.05 * values[20:-20, -1]).all()
@@ -57,13 +56,13 @@ def test_fewer_sources_than_microphones_leave_directions_without_noise() -> None
         (0.3, "diffuse.places=0.3"),
     ],
 )
-def test_places_that_are_none_are_refused(places: object, message: str) -> None:
+def test_places_that_are_none_are_refused(places, message):
     with pytest.raises(BadValue) as refused:
-        Fixed(Rotor(), places)  # type: ignore[arg-type]
+        Fixed(Rotor(), places)
     assert str(refused.value).startswith(message)
 
 
-def test_a_source_inside_a_microphone_is_refused() -> None:
+def test_a_source_inside_a_microphone_is_refused():
     with pytest.raises(
         BadValue, match=r"^diffuse.places=0.000 m from a microphone: must be 0.01 m or more"
     ):

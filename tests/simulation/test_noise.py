@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from echolearn.acoustics.geometry import circular_array
-from echolearn.acoustics.types import Array, Noise
 from echolearn.cli.compose import compose
 from echolearn.cli.config import build, folder
 from echolearn.simulation.noise.fixed import Fixed
@@ -26,7 +25,7 @@ ARRAY = circular_array()
 
 
 @cache
-def noise(option: str) -> Noise:
+def noise(option):
     """Return a noise as its file has it; a recording of white noise where one is wanted."""
     group, words = option.partition("=")[0], [option]
     with tempfile.TemporaryDirectory() as place:
@@ -35,28 +34,28 @@ def noise(option: str) -> Noise:
         path.write_bytes(audio.wav_bytes(samples, 22050.0))
         words += [f"diffuse.source.path={path}"] if option == "diffuse=recorded" else []
         [(_, config)] = compose("generate", words)
-        return build(config[group], group)  # type: ignore[no-any-return]
+        return build(config[group], group)
 
 
-def draw(of: Noise, rng: np.random.Generator, length: int = 20000) -> Array:
+def draw(of, rng, length=20000):
     """Return one draw, shape (M, length)."""
     return of(ARRAY, length=length, sample_rate=22050.0, rng=rng)
 
 
-def error(values: Array) -> Array:
+def error(values):
     """Return five standard errors of the mean over the first axis, 0.03 at least."""
     return np.maximum(0.03, 5 * values.std(axis=0) / np.sqrt(len(values)))
 
 
 @pytest.mark.parametrize("option", NOISES)
 class TestEveryNoise:
-    def test_is_as_long_as_asked_at_every_microphone(self, option: str) -> None:
+    def test_is_as_long_as_asked_at_every_microphone(self, option):
         for length in (1000, 6001):
             samples = draw(noise(option), np.random.default_rng(0), length)
             assert samples.shape == (len(ARRAY), length)
             assert np.isfinite(samples).all()
 
-    def test_has_unit_variance_at_every_microphone(self, option: str) -> None:
+    def test_has_unit_variance_at_every_microphone(self, option):
         """White noise within 3 %; a field of a few lines has another power at every place, in every
         draw.
 
@@ -72,21 +71,21 @@ class TestEveryNoise:
         assert abs(power.mean() - 1.0) < 0.03
         assert np.abs(draws.mean(axis=(0, 2))).max() < 0.03
 
-    def test_draws_from_the_generator_it_is_given_and_from_nothing_else(self, option: str) -> None:
+    def test_draws_from_the_generator_it_is_given_and_from_nothing_else(self, option):
         first, again, other = (
             draw(noise(option), np.random.default_rng(seed)) for seed in (2, 2, 3)
         )
         assert np.array_equal(first, again)
         assert not np.array_equal(first, other)
 
-    def test_successive_draws_are_independent(self, option: str) -> None:
+    def test_successive_draws_are_independent(self, option):
         rng = np.random.default_rng(4)
         draws = [draw(noise(option), rng) for _ in range(6)]
         pairs = np.array([np.mean(one * other) for one, other in combinations(draws, 2)])
         assert abs(pairs.mean()) < error(pairs)
 
 
-def test_white_noise_is_independent_between_microphones_and_samples() -> None:
+def test_white_noise_is_independent_between_microphones_and_samples():
     """Correlations of K samples scatter by 1 / sqrt(K), here 0.0022; the density is flat over
     frequency."""
     samples = draw(White(), np.random.default_rng(5), 200_000)

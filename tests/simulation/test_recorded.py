@@ -1,6 +1,5 @@
 """Noise from files: rates, formats, channels, and everything a file can have wrong with it."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 import soundfile
 
 from echolearn.acoustics.geometry import circular_array
-from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.recorded import Recorded, recorded
@@ -16,7 +14,7 @@ from echolearn.simulation.noise.recorded import Recorded, recorded
 RATE = 22050
 
 
-def tones(rate: int, *, seconds: float = 8.0, hertz: float = 300.0, channels: int = 1) -> Array:
+def tones(rate, *, seconds=8.0, hertz=300.0, channels=1):
     """Return a tone, a multiple of its frequency in each further channel, shape (K,) or (K,
     channels)."""
     time = np.arange(int(seconds * rate)) / rate
@@ -24,16 +22,14 @@ def tones(rate: int, *, seconds: float = 8.0, hertz: float = 300.0, channels: in
     return 0.1 * (waves if channels > 1 else waves[:, 0])
 
 
-def pitch(noise: Recorded) -> float:
+def pitch(noise):
     """Return the strongest frequency in Hz."""
     spectrum = np.abs(np.fft.rfft(noise.samples))
     return float(spectrum.argmax() * noise.sample_rate / len(noise.samples))
 
 
 @pytest.mark.parametrize(("rate", "kind"), [(8000, "wav"), (48000, "flac"), (22050, "wav")])
-def test_a_tone_keeps_its_pitch_and_length_at_any_rate(
-    tmp_path: Path, rate: int, kind: str
-) -> None:
+def test_a_tone_keeps_its_pitch_and_length_at_any_rate(tmp_path, rate, kind):
     soundfile.write(tmp_path / f"tone.{kind}", tones(rate), rate)
     noise = recorded(str(tmp_path / f"tone.{kind}"))
     assert noise.sample_rate == RATE
@@ -42,7 +38,7 @@ def test_a_tone_keeps_its_pitch_and_length_at_any_rate(
     assert np.mean(noise.samples**2) == pytest.approx(1.0, abs=1e-3)
 
 
-def test_what_lies_above_the_new_nyquist_frequency_is_gone(tmp_path: Path) -> None:
+def test_what_lies_above_the_new_nyquist_frequency_is_gone(tmp_path):
     soundfile.write(tmp_path / "both.wav", tones(44100) + tones(44100, hertz=15000.0), 44100)
     spectrum = np.abs(np.fft.rfft(recorded(str(tmp_path / "both.wav")).samples))
     folded = round(7050 * 8)
@@ -50,20 +46,20 @@ def test_what_lies_above_the_new_nyquist_frequency_is_gone(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(("channel", "hertz"), [(1, 300.0), (2, 600.0), (3, 900.0)])
-def test_channels_are_counted_from_one(tmp_path: Path, channel: int, hertz: float) -> None:
+def test_channels_are_counted_from_one(tmp_path, channel, hertz):
     soundfile.write(tmp_path / "three.wav", tones(RATE, channels=3), RATE)
     assert pitch(recorded(str(tmp_path / "three.wav"), channel=channel)) == pytest.approx(
         hertz, abs=0.2
     )
 
 
-def test_channels_can_be_mixed(tmp_path: Path) -> None:
+def test_channels_can_be_mixed(tmp_path):
     soundfile.write(tmp_path / "two.flac", tones(RATE, channels=2), RATE)
     spectrum = np.abs(np.fft.rfft(recorded(str(tmp_path / "two.flac"), channel="mix").samples))
     assert spectrum[300 * 8] == pytest.approx(spectrum[600 * 8], rel=0.01)
 
 
-def test_a_stretch_is_taken_from_anywhere_and_as_it_is() -> None:
+def test_a_stretch_is_taken_from_anywhere_and_as_it_is():
     ramp = Recorded(np.arange(1000, dtype=np.float32), 22050.0)
     starts = set()
     for seed in range(50):
@@ -77,7 +73,7 @@ def test_a_stretch_is_taken_from_anywhere_and_as_it_is() -> None:
     assert np.array_equal(whole, ramp.samples)
 
 
-def test_six_microphones_take_six_stretches(tmp_path: Path) -> None:
+def test_six_microphones_take_six_stretches(tmp_path):
     """6 x (20 000 + 1 024) samples are 5.72 s: 6 s suffice, 5.5 s do not."""
     field = {}
     for seconds in (5.5, 6.0):
@@ -100,7 +96,7 @@ def test_six_microphones_take_six_stretches(tmp_path: Path) -> None:
         field[5.5](circular_array(), **arguments)
 
 
-def test_another_rate_than_the_probes_is_refused() -> None:
+def test_another_rate_than_the_probes_is_refused():
     with pytest.raises(BadValue, match=r"^diffuse.source.sample_rate=8000 Hz: must be 22050 Hz"):
         Recorded(np.ones(100, dtype=np.float32), 8000.0)(
             length=10, sample_rate=22050.0, rng=np.random.default_rng(0)
@@ -131,9 +127,7 @@ def test_another_rate_than_the_probes_is_refused() -> None:
         (tones(RATE, channels=2), True, "channel=True"),
     ],
 )
-def test_recordings_that_cannot_be_used_are_refused(
-    tmp_path: Path, samples: Array, channel: Any, message: str
-) -> None:
+def test_recordings_that_cannot_be_used_are_refused(tmp_path, samples, channel, message):
     soundfile.write(tmp_path / "bad.wav", samples, RATE, subtype="FLOAT")
     with pytest.raises(BadValue) as refused:
         recorded(str(tmp_path / "bad.wav"), channel=channel)
@@ -151,7 +145,7 @@ def test_recordings_that_cannot_be_used_are_refused(
         (".", "diffuse.source.path=.: must be a file"),
     ],
 )
-def test_files_that_are_not_there_are_named(path: Any, message: str) -> None:
+def test_files_that_are_not_there_are_named(path, message):
     with pytest.raises(BadValue) as refused:
         recorded(path)
     assert str(refused.value).startswith(message)
@@ -160,7 +154,7 @@ def test_files_that_are_not_there_are_named(path: Any, message: str) -> None:
 @pytest.mark.parametrize(
     "content", [b"", b"not audio", b"RIFF\x00\x00\x00\x00WAVE", b"fLaC" + bytes(100)]
 )
-def test_files_that_are_no_audio_are_refused(tmp_path: Path, content: bytes) -> None:
+def test_files_that_are_no_audio_are_refused(tmp_path, content):
     (tmp_path / "text.wav").write_bytes(content)
     with pytest.raises(BadValue) as refused:
         recorded(str(tmp_path / "text.wav"))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from echolearn.acoustics.geometry import circular_array, microphone_positions
-from echolearn.acoustics.types import Array, Pose, Responder, Room
+from echolearn.acoustics.types import Pose, Room
 from echolearn.checks import BadValue
 from echolearn.simulation import image_loops
 from echolearn.simulation.image_loops import fractional_delay
@@ -26,13 +26,11 @@ ANECHOIC = (0.0,) * 6
 engines = pytest.mark.parametrize("engine", [Images(), Pyroom()], ids=["images", "pyroom"])
 
 
-def respond(
-    engine: Responder, room: Room, source: Array = SOURCE, microphones: Array = MICROPHONES
-) -> Array:
+def respond(engine, room, source=SOURCE, microphones=MICROPHONES):
     return engine(room, source, microphones, sample_rate=RATE, speed_of_sound=SPEED)
 
 
-def images_of(room: Room, source: Array, microphone: Array, *, reach: float) -> tuple[Array, Array]:
+def images_of(room, source, microphone, *, reach):
     """List distances and reflection products in the form of Allen and Berkley: parity u, period l
     per axis."""
     offsets, gains = [], []
@@ -48,7 +46,7 @@ def images_of(room: Room, source: Array, microphone: Array, *, reach: float) -> 
     return np.sqrt(square[heard]), gain[heard]
 
 
-def closed_form(room: Room, source: Array, microphone: Array, *, frequencies: Array) -> Array:
+def closed_form(room, source, microphone, *, frequencies):
     """Sum H(f) = sum g / (4 pi d) exp(-j 2 pi f d / c) over the images heard within T60; f in
     cycles per sample."""
     distance, gain = images_of(room, source, microphone, reach=room.t60 * SPEED)
@@ -56,11 +54,11 @@ def closed_form(room: Room, source: Array, microphone: Array, *, frequencies: Ar
     return phase @ (gain / (4 * np.pi * distance))
 
 
-def spectrum(response: Array, frequencies: Array) -> Array:
+def spectrum(response, frequencies):
     return np.exp(-2j * np.pi * frequencies[:, None] * np.arange(response.shape[-1])) @ response
 
 
-def level_db(error: Array, reference: Array) -> float:
+def level_db(error, reference):
     return float(10 * np.log10((np.abs(error) ** 2).sum() / (np.abs(reference) ** 2).sum() + 1e-30))
 
 
@@ -69,7 +67,7 @@ BAND = np.linspace(0.05, 0.9, 180) / 2
 
 @engines
 @pytest.mark.parametrize("walls", [CORNER, ANECHOIC, (0.0, 0.9, 0.8, 0.0, 0.0, 1.0)])
-def test_few_images_have_the_spectrum_of_the_closed_form(engine: Responder, walls: tuple) -> None:
+def test_few_images_have_the_spectrum_of_the_closed_form(engine, walls):
     room = Room(SMALL.size, SMALL.t60, walls)
     for microphone, response in zip(MICROPHONES, respond(engine, room), strict=True):
         expected = closed_form(room, SOURCE, microphone, frequencies=BAND)
@@ -78,7 +76,7 @@ def test_few_images_have_the_spectrum_of_the_closed_form(engine: Responder, wall
 
 
 @engines
-def test_full_room_has_the_spectrum_of_the_closed_form(engine: Responder) -> None:
+def test_full_room_has_the_spectrum_of_the_closed_form(engine):
     for microphone, response in zip(MICROPHONES, respond(engine, SMALL), strict=True):
         expected = closed_form(SMALL, SOURCE, microphone, frequencies=BAND)
         allowed = -75.0 if isinstance(engine, Images) else -50.0
@@ -86,7 +84,7 @@ def test_full_room_has_the_spectrum_of_the_closed_form(engine: Responder) -> Non
 
 
 @pytest.mark.parametrize("walls", [(1.0,) * 6, (1.0, 0.3, 0.9, 0.5, 0.0, 1.0)])
-def test_spreading_equals_the_plain_sum_of_delays(walls: tuple) -> None:
+def test_spreading_equals_the_plain_sum_of_delays(walls):
     room = Room(SMALL.size, SMALL.t60, walls)
     response = respond(Images(), room)[0]
     distance, gain = images_of(
@@ -105,7 +103,7 @@ def test_spreading_equals_the_plain_sum_of_delays(walls: tuple) -> None:
     )
 
 
-def test_engines_agree() -> None:
+def test_engines_agree():
     room = Room((5.0, 4.0, 3.0), 0.3, (1.0, 0.6, 0.8, 1.0, 0.5, 0.9))
     pose = Pose(np.array([2.1, 1.7, 1.4]), 0.4)
     microphones = microphone_positions(circular_array(), pose)
@@ -124,7 +122,7 @@ def test_engines_agree() -> None:
 
 @engines
 @pytest.mark.parametrize("wall", range(6))
-def test_each_wall_has_its_place_and_its_echo_arrives_on_time(engine: Responder, wall: int) -> None:
+def test_each_wall_has_its_place_and_its_echo_arrives_on_time(engine, wall):
     walls = tuple(0.8 if other == wall else 0.0 for other in range(6))
     room = Room((5.3, 4.6, 3.9), 0.2, walls)
     source, microphone = np.array([2.0, 1.6, 1.5]), np.array([2.6, 2.3, 1.8])
@@ -145,7 +143,7 @@ def test_each_wall_has_its_place_and_its_echo_arrives_on_time(engine: Responder,
 
 
 @engines
-def test_whole_sample_delay_is_one_sample_high(engine: Responder) -> None:
+def test_whole_sample_delay_is_one_sample_high(engine):
     step = SPEED / RATE
     room = Room((6.0, 5.0, 4.0), 0.2, ANECHOIC)
     source = np.array([1.0, 2.0, 2.0])
@@ -160,7 +158,7 @@ def test_whole_sample_delay_is_one_sample_high(engine: Responder) -> None:
         )
 
 
-def test_moving_a_microphone_by_whole_samples_shifts_the_response() -> None:
+def test_moving_a_microphone_by_whole_samples_shifts_the_response():
     room = Room((30.0, 5.0, 4.0), 0.3, ANECHOIC)
     source = np.array([1.0, 2.0, 2.0])
     distance = np.array([1.2345, 1.2345 + 700 * SPEED / RATE])
@@ -172,14 +170,14 @@ def test_moving_a_microphone_by_whole_samples_shifts_the_response() -> None:
 
 
 @engines
-def test_swapping_source_and_microphone_changes_nothing(engine: Responder) -> None:
+def test_swapping_source_and_microphone_changes_nothing(engine):
     room = Room(SMALL.size, SMALL.t60, (1.0, 0.6, 0.8, 1.0, 0.5, 0.9))
     forward, back = respond(engine, room)[0], respond(engine, room, MICROPHONES[0], SOURCE[None])[0]
     assert level_db(forward - back, forward) < (-100.0 if isinstance(engine, Images) else -50.0)
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_mirroring_the_room_changes_nothing(axis: int) -> None:
+def test_mirroring_the_room_changes_nothing(axis):
     walls = (1.0, 0.6, 0.8, 1.0, 0.5, 0.9)
     flipped = list(walls)
     flipped[2 * axis : 2 * axis + 2] = walls[2 * axis + 1], walls[2 * axis]
@@ -192,7 +190,7 @@ def test_mirroring_the_room_changes_nothing(axis: int) -> None:
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(range(3))))
-def test_renaming_the_axes_changes_nothing(order: tuple) -> None:
+def test_renaming_the_axes_changes_nothing(order):
     walls = np.array([1.0, 0.6, 0.8, 1.0, 0.5, 0.9])
     turned = Room(
         tuple(np.array(SMALL.size)[list(order)]),
@@ -209,7 +207,7 @@ def test_renaming_the_axes_changes_nothing(order: tuple) -> None:
 
 
 @engines
-def test_without_floor_and_ceiling_the_height_does_not_matter(engine: Responder) -> None:
+def test_without_floor_and_ceiling_the_height_does_not_matter(engine):
     room = Room((10.0, 8.0, 7.0), 0.35, (1.0, 1.0, 1.0, 1.0, 0.0, 0.0))
     source, microphone = np.array([4.0, 3.0, 3.5]), np.array([[4.2, 3.1, 3.5]])
     low, high = (
@@ -218,7 +216,7 @@ def test_without_floor_and_ceiling_the_height_does_not_matter(engine: Responder)
     assert level_db(low - high, low) < -50.0
 
 
-def test_every_image_within_t60_lies_inside_the_complete_order() -> None:
+def test_every_image_within_t60_lies_inside_the_complete_order():
     for size, t60 in (((10.0, 8.0, 6.0), 0.4), ((13.0, 11.0, 5.0), 0.4), ((2.0, 9.0, 3.0), 0.3)):
         room = Room(size, t60)
         cells = [np.arange(-n, n + 1) for n in (int(t60 * SPEED / length) + 2 for length in size)]
@@ -233,7 +231,7 @@ def test_every_image_within_t60_lies_inside_the_complete_order() -> None:
 
 
 @engines
-def test_speed_of_sound_and_sample_rate_scale_the_delays(engine: Responder) -> None:
+def test_speed_of_sound_and_sample_rate_scale_the_delays(engine):
     room = Room((6.0, 5.0, 4.0), 0.2, ANECHOIC)
     source, microphone = np.array([1.0, 2.0, 2.0]), np.array([[4.43, 2.0, 2.0]])
     for rate, speed in ((22_050.0, 343.0), (16_000.0, 343.0), (22_050.0, 320.0)):
@@ -243,13 +241,13 @@ def test_speed_of_sound_and_sample_rate_scale_the_delays(engine: Responder) -> N
 
 
 @engines
-def test_same_input_gives_the_same_bytes(engine: Responder) -> None:
+def test_same_input_gives_the_same_bytes(engine):
     first, second = respond(engine, SMALL), respond(engine, SMALL)
     assert first.tobytes() == second.tobytes()
     assert first[1].tobytes() == respond(engine, SMALL, microphones=MICROPHONES[1:])[0].tobytes()
 
 
-def test_pyroomacoustics_keeps_its_own_settings() -> None:
+def test_pyroomacoustics_keeps_its_own_settings():
     import pyroomacoustics
 
     names = ("rir_hpf_enable", "num_threads", "frac_delay_length", "c")
@@ -285,7 +283,7 @@ def test_pyroomacoustics_keeps_its_own_settings() -> None:
         ),
     ],
 )
-def test_bad_calls_name_the_value(engine: Responder, change: dict, message: str) -> None:
+def test_bad_calls_name_the_value(engine, change, message):
     call = {
         "room": SMALL,
         "source": SOURCE,
@@ -300,14 +298,14 @@ def test_bad_calls_name_the_value(engine: Responder, change: dict, message: str)
     assert "\n" not in str(error.value)
 
 
-def test_pyroom_needs_a_whole_sample_rate_and_a_bool() -> None:
+def test_pyroom_needs_a_whole_sample_rate_and_a_bool():
     with pytest.raises(BadValue, match="whole number"):
         Pyroom()(SMALL, SOURCE, MICROPHONES, sample_rate=22050.5, speed_of_sound=SPEED)
     with pytest.raises(BadValue, match=r"rir\.complete=perhaps"):
-        Pyroom(complete="perhaps")  # type: ignore[arg-type]
+        Pyroom(complete="perhaps")
 
 
-def test_loops_compile_anew_where_no_folder_can_keep_them(tmp_path: Path) -> None:
+def test_loops_compile_anew_where_no_folder_can_keep_them(tmp_path):
     """As in a container whose disk is read-only and whose user has no home."""
     copy = tmp_path / "loops.py"
     copy.write_bytes(Path(image_loops.__file__).read_bytes())

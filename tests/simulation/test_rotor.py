@@ -15,7 +15,7 @@ from scipy import signal
 
 from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.signals import noise_probe
-from echolearn.acoustics.types import Array, Room
+from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue
 from echolearn.localization.methods.snls import Snls
 from echolearn.simulation.noise.diffuse import Diffuse
@@ -40,12 +40,12 @@ DREGON = np.array([
 """Shares of the power in them: microphone 1, all motors at 70 revolutions/s (measured below)."""
 
 
-def sound(rotor: Rotor, *, seconds: float = 10.0, seed: int = 0) -> Array:
+def sound(rotor, *, seconds=10.0, seed=0):
     """Return what is heard."""
     return rotor(length=int(seconds * RATE), sample_rate=RATE, rng=np.random.default_rng(seed))
 
 
-def density(rotor: Rotor, *, draws: int = 10) -> tuple[Array, Array]:
+def density(rotor, *, draws=10):
     """Return frequencies and the power in each hertz."""
     found = [
         signal.welch(sound(rotor, seed=seed), RATE, nperseg=int(RATE)) for seed in range(draws)
@@ -53,16 +53,14 @@ def density(rotor: Rotor, *, draws: int = 10) -> tuple[Array, Array]:
     return found[0][0], np.mean([power for _, power in found], axis=0)
 
 
-def bands(frequencies: Array, power: Array) -> Array:
+def bands(frequencies, power):
     """Return the shares of the power in third octaves."""
     low, high = CENTRES * 2 ** (-1 / 6), CENTRES * 2 ** (1 / 6)
     inside = (frequencies[:, None] >= low) & (frequencies[:, None] < high)
     return power @ inside / power.sum()
 
 
-def level(
-    samples: Array, low: float, high: float, *, seconds: float = 0.02, rate: float = RATE
-) -> Array:
+def level(samples, low, high, *, seconds=0.02, rate=RATE):
     """Return the level of a band in successive blocks, in dB."""
     band = signal.sosfiltfilt(
         signal.butter(4, [low, high], "bandpass", fs=rate, output="sos"), samples
@@ -73,7 +71,7 @@ def level(
     )
 
 
-def test_its_spectrum_is_that_of_a_recording() -> None:
+def test_its_spectrum_is_that_of_a_recording():
     """90 % below 463 Hz, the strongest line at 70 Hz, and third octaves, but for whines of the
     motors, within 3 dB."""
     frequencies, power = density(Rotor())
@@ -82,7 +80,7 @@ def test_its_spectrum_is_that_of_a_recording() -> None:
     assert np.abs(10 * np.log10(bands(frequencies, power) / DREGON)).max() < 3.0
 
 
-def test_the_wash_comes_in_gusts_and_the_hiss_is_steady_as_in_the_recording() -> None:
+def test_the_wash_comes_in_gusts_and_the_hiss_is_steady_as_in_the_recording():
     """In the recording levels of 20 ms wander by 5 to 7 dB in bands below 500 Hz, and by 1.4 dB
     above 4 kHz."""
     gusty, calm = sound(Rotor(), seconds=60.0), sound(replace(Rotor(), gust_db=0.0), seconds=60.0)
@@ -91,7 +89,7 @@ def test_the_wash_comes_in_gusts_and_the_hiss_is_steady_as_in_the_recording() ->
     assert level(gusty, 4000, 11000).std() < 1.5
 
 
-def test_gusts_are_as_strong_and_as_long_as_they_are_told() -> None:
+def test_gusts_are_as_strong_and_as_long_as_they_are_told():
     wash = replace(Rotor(), tonal=0.0, hiss=0.0, gust_db=6.0, gust=2.0)
     heard = [
         wash(length=660_000, sample_rate=2205.0, rng=np.random.default_rng(seed))
@@ -103,7 +101,7 @@ def test_gusts_are_as_strong_and_as_long_as_they_are_told() -> None:
     assert np.mean(after) == pytest.approx(np.exp(-1), abs=0.1)
 
 
-def test_lines_stand_at_the_harmonics_of_the_rotor_and_the_blades_stand_out() -> None:
+def test_lines_stand_at_the_harmonics_of_the_rotor_and_the_blades_stand_out():
     frequencies, power = density(replace(Rotor(), jitter=0.001, tonal=0.99))
     lines = np.array([power[np.abs(frequencies - 70 * k) < 5].sum() for k in range(1, 11)])
     between = np.array([power[np.abs(frequencies - 70 * k - 35) < 5].sum() for k in range(1, 11)])
@@ -115,7 +113,7 @@ def test_lines_stand_at_the_harmonics_of_the_rotor_and_the_blades_stand_out() ->
     assert three[2] / three[0] == pytest.approx(10**0.3 / 9)
 
 
-def test_the_wash_falls_by_9_db_per_octave_above_its_corner_and_begins_at_20_hz() -> None:
+def test_the_wash_falls_by_9_db_per_octave_above_its_corner_and_begins_at_20_hz():
     frequencies, power = density(replace(Rotor(), tonal=0.0, hiss=0.0, gust_db=0.0))
     octaves = [
         power[(frequencies >= f) & (frequencies < 2 * f)].mean() for f in (700, 1400, 2800, 5600)
@@ -126,7 +124,7 @@ def test_the_wash_falls_by_9_db_per_octave_above_its_corner_and_begins_at_20_hz(
     )
 
 
-def test_the_hiss_is_flat_and_ends_at_its_corner() -> None:
+def test_the_hiss_is_flat_and_ends_at_its_corner():
     frequencies, power = density(replace(Rotor(), tonal=0.0, hiss=1.0))
     low, high, above = (
         power[(frequencies >= f) & (frequencies < f + 500)].mean() for f in (500, 4000, 9500)
@@ -135,7 +133,7 @@ def test_the_hiss_is_flat_and_ends_at_its_corner() -> None:
     assert above / low == pytest.approx(1 / (1 + (9750 / 6500) ** 8), rel=0.2)
 
 
-def test_it_has_unit_power() -> None:
+def test_it_has_unit_power():
     """Gusts scatter the power of ten seconds by a quarter, hence 20 sounds of five minutes."""
     heard = [
         Rotor()(length=660_000, sample_rate=2205.0, rng=np.random.default_rng(seed))
@@ -144,7 +142,7 @@ def test_it_has_unit_power() -> None:
     assert np.mean(np.square(heard)) == pytest.approx(1.0, abs=0.05)
 
 
-def test_speed_wanders_as_much_as_it_is_told() -> None:
+def test_speed_wanders_as_much_as_it_is_told():
     """One rotor, one line: its instantaneous frequency has the deviation and the time constant that
     were asked for."""
     one = Rotor(rotors=1, harmonics=1, tonal=1.0, jitter=0.02, wander=0.5)
@@ -158,7 +156,7 @@ def test_speed_wanders_as_much_as_it_is_told() -> None:
     )
 
 
-def test_waves_are_continuous_and_exact() -> None:
+def test_waves_are_continuous_and_exact():
     """Without jitter a single line is a sine of amplitude sqrt(2), from beginning to end."""
     one = sound(Rotor(rotors=1, harmonics=1, tonal=1.0, jitter=0.0), seconds=1.0)
     angle = 2 * np.pi * 70.0 * np.arange(len(one)) / RATE
@@ -168,7 +166,7 @@ def test_waves_are_continuous_and_exact() -> None:
     assert np.abs(one - weights @ basis).max() < 1e-5
 
 
-def test_harmonics_stop_at_the_nyquist_frequency() -> None:
+def test_harmonics_stop_at_the_nyquist_frequency():
     assert len(Rotor(jitter=0.0).powers(1000.0)) == 7
     low = Rotor(jitter=0.0, tonal=1.0)(
         length=20000, sample_rate=1000.0, rng=np.random.default_rng(0)
@@ -178,7 +176,7 @@ def test_harmonics_stop_at_the_nyquist_frequency() -> None:
     assert folded < 1e-3 * power.sum()
 
 
-def test_the_shortest_sounds_are_sound() -> None:
+def test_the_shortest_sounds_are_sound():
     power = [
         Rotor()(length=1, sample_rate=RATE, rng=np.random.default_rng(seed))[0] ** 2
         for seed in range(2000)
@@ -188,12 +186,12 @@ def test_the_shortest_sounds_are_sound() -> None:
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Rotor)])
 @pytest.mark.parametrize("value", [-101.0, 1e9, "fast", float("nan")])
-def test_bad_rotors_are_refused(name: str, value: object) -> None:
+def test_bad_rotors_are_refused(name, value):
     with pytest.raises(BadValue, match=f"^diffuse.source.{name}={value}"):
-        Rotor(**{name: value})  # type: ignore[arg-type]
+        Rotor(**{name: value})
 
 
-def test_whitening_finds_the_times_that_rotors_hide_from_s_nls() -> None:
+def test_whitening_finds_the_times_that_rotors_hide_from_s_nls():
     """At -20 dB about half are found without it (`docs/studies/rotor.csv`), all with it."""
     both = {"plain": Snls(azimuths=8), "white": Snls(azimuths=8, whiten=True)}
     scene = Scene(RING, noise_probe(), Images(), White(), diffuse=Diffuse(Rotor()))
@@ -207,7 +205,7 @@ def test_whitening_finds_the_times_that_rotors_hide_from_s_nls() -> None:
 
 
 @pytest.fixture(scope="module")
-def samples() -> Array:
+def samples():
     """Return the whole recording, of unit power."""
     path = os.environ.get("ECHOLEARN_DREGON")
     if path is None:
@@ -216,8 +214,8 @@ def samples() -> Array:
 
 
 def test_the_spectrum_of_the_recording_is_the_one_that_the_model_is_held_against(
-    samples: Array,
-) -> None:
+    samples,
+):
     frequencies, power = signal.welch(samples, RATE, nperseg=int(RATE))
     assert np.allclose(100 * bands(frequencies, power), 100 * DREGON, atol=0.001)
     assert frequencies[np.searchsorted(np.cumsum(power) / power.sum(), 0.9)] == pytest.approx(
@@ -227,8 +225,8 @@ def test_the_spectrum_of_the_recording_is_the_one_that_the_model_is_held_against
 
 
 def test_low_frequencies_of_the_recording_come_in_gusts_and_high_ones_do_not(
-    samples: Array,
-) -> None:
+    samples,
+):
     assert [
         round(level(samples, *band).std(), 1) for band in ((80, 200), (200, 500), (4000, 11000))
     ] == [6.0, 7.0, 1.4]

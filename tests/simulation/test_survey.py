@@ -19,7 +19,6 @@ from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.recorded import Recorded
 from echolearn.simulation.noise.rotor import Rotor
 from echolearn.simulation.observe import observe
-from echolearn.simulation.scene import Scene
 from echolearn.simulation.survey import noise_length, survey
 from echolearn.simulation.walk import trajectory
 from echolearn.storage import manifests
@@ -31,10 +30,10 @@ Walk = Callable[..., Path]
 
 
 @pytest.fixture(scope="module")
-def walk(brief: Scene) -> Walk:
+def walk(brief):
     """Return a function that surveys a small room at four poses."""
 
-    def walked(runs: Path, **changes: object) -> Path:
+    def walked(runs, **changes):
         given = {"snr_db": 5.0, "sdnr_db": None, "pings": 1} | changes
         levels = NoiseLevels(given.pop("snr_db"), given.pop("sdnr_db"), given.pop("pings"))
         usual = {"name": "few", "room": ROOM, "scene": brief, "poses": 4, "runs": runs}
@@ -44,12 +43,12 @@ def walk(brief: Scene) -> Walk:
 
 
 @pytest.fixture(scope="module")
-def finished(walk: Walk, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(walk, tmp_path_factory):
     """Return the folder below which the survey lies; not to be changed."""
     return walk(tmp_path_factory.mktemp("survey"))
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def contents(folder):
     """Return every file's bytes by name."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
@@ -58,7 +57,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     }
 
 
-def copied(folder: Path, runs: Path) -> Path:
+def copied(folder, runs):
     """Copy a survey below another folder."""
     copy = runs / "survey" / folder.name
     for name, content in contents(folder).items():
@@ -67,7 +66,7 @@ def copied(folder: Path, runs: Path) -> Path:
     return copy
 
 
-def test_a_survey_reads_back_as_it_was_walked(finished: Path, brief: Scene) -> None:
+def test_a_survey_reads_back_as_it_was_walked(finished, brief):
     read, poses = reader.read_survey(finished), trajectory(ROOM, poses=4, start=0.6)
     assert finished.name == "few"
     assert np.array_equal(read.probe.samples, brief.probe.samples)
@@ -80,7 +79,7 @@ def test_a_survey_reads_back_as_it_was_walked(finished: Path, brief: Scene) -> N
         assert (*found.position, found.heading) == (*pose.position, pose.heading)
 
 
-def test_every_recording_is_that_of_its_pose(finished: Path, brief: Scene) -> None:
+def test_every_recording_is_that_of_its_pose(finished, brief):
     """Pose p draws its noise from `SeedSequence(seed, spawn_key=(p,))`, whatever the other poses
     did."""
     read = reader.read_survey(finished)
@@ -93,7 +92,7 @@ def test_every_recording_is_that_of_its_pose(finished: Path, brief: Scene) -> No
         assert np.array_equal(heard.samples[row], expected.samples.astype(np.float32))
 
 
-def test_the_folder_is_whole(finished: Path) -> None:
+def test_the_folder_is_whole(finished):
     manifest = manifests.verify(finished)
     files = {name for name in contents(finished) if name != manifests.MANIFEST}
     assert manifest["kind"] == "survey"
@@ -101,11 +100,11 @@ def test_the_folder_is_whole(finished: Path) -> None:
     assert {f"observations/{index:04d}.wav" for index in range(4)} < files
 
 
-def test_walking_again_gives_the_same_bytes(finished: Path, walk: Walk, tmp_path: Path) -> None:
+def test_walking_again_gives_the_same_bytes(finished, walk, tmp_path):
     assert contents(walk(tmp_path)) == contents(finished)
 
 
-def test_a_finished_survey_is_left_alone(finished: Path, walk: Walk, tmp_path: Path) -> None:
+def test_a_finished_survey_is_left_alone(finished, walk, tmp_path):
     folder = copied(finished, tmp_path)
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
     assert walk(tmp_path) == folder
@@ -113,9 +112,7 @@ def test_a_finished_survey_is_left_alone(finished: Path, walk: Walk, tmp_path: P
 
 
 @pytest.mark.parametrize("name", ["observations/0002.wav", "poses.csv", "manifest.json"])
-def test_a_damaged_survey_is_named_and_made_again(
-    finished: Path, walk: Walk, tmp_path: Path, name: str
-) -> None:
+def test_a_damaged_survey_is_named_and_made_again(finished, walk, tmp_path, name):
     folder = copied(finished, tmp_path)
     content = bytearray((folder / name).read_bytes())
     content[len(content) // 2] ^= 1
@@ -126,9 +123,7 @@ def test_a_damaged_survey_is_named_and_made_again(
     assert contents(folder) == contents(finished)
 
 
-def test_damage_is_named_with_the_command_that_was_given(
-    finished: Path, walk: Walk, tmp_path: Path
-) -> None:
+def test_damage_is_named_with_the_command_that_was_given(finished, walk, tmp_path):
     folder = copied(finished, tmp_path)
     (folder / "observations/0002.wav").unlink()
     with pytest.raises(BadValue, match="; make it again as it was made$"):
@@ -139,15 +134,13 @@ def test_damage_is_named_with_the_command_that_was_given(
         manifests.verify(folder)
 
 
-def test_another_wording_of_the_same_settings_is_the_same_survey(
-    finished: Path, walk: Walk, tmp_path: Path
-) -> None:
+def test_another_wording_of_the_same_settings_is_the_same_survey(finished, walk, tmp_path):
     folder = copied(finished, tmp_path)
     walk(tmp_path, command="echolearn survey name=few poses=4", snr_db=5)
     assert contents(folder) == contents(finished)
 
 
-def test_an_unfinished_survey_is_finished(finished: Path, walk: Walk, tmp_path: Path) -> None:
+def test_an_unfinished_survey_is_finished(finished, walk, tmp_path):
     folder = copied(finished, tmp_path)
     for name in ("manifest.json", "survey.yaml", "observations/0003.wav"):
         (folder / name).unlink()
@@ -157,9 +150,7 @@ def test_an_unfinished_survey_is_finished(finished: Path, walk: Walk, tmp_path: 
 
 
 @pytest.mark.parametrize("damaged", [False, True])
-def test_other_settings_under_the_same_name_are_refused(
-    finished: Path, walk: Walk, brief: Scene, tmp_path: Path, damaged: bool
-) -> None:
+def test_other_settings_under_the_same_name_are_refused(finished, walk, brief, tmp_path, damaged):
     folder = copied(finished, tmp_path)
     if damaged:
         (folder / "observations/0001.wav").write_bytes(b"half")
@@ -194,9 +185,7 @@ def test_other_settings_under_the_same_name_are_refused(
         ),
     ],
 )
-def test_bad_walks_are_refused_before_anything_is_written(
-    walk: Walk, tmp_path: Path, change: dict[str, object], message: str
-) -> None:
+def test_bad_walks_are_refused_before_anything_is_written(walk, tmp_path, change, message):
     with pytest.raises(BadValue) as refused:
         walk(tmp_path, **change)
     assert str(refused.value).startswith(message)
@@ -204,9 +193,7 @@ def test_bad_walks_are_refused_before_anything_is_written(
     assert not any(path.is_file() for path in tmp_path.rglob("*"))
 
 
-def test_a_survey_killed_at_its_first_file_is_walked_again(
-    finished: Path, walk: Walk, tmp_path: Path
-) -> None:
+def test_a_survey_killed_at_its_first_file_is_walked_again(finished, walk, tmp_path):
     left = tmp_path / "survey" / "few" / ".simulated.json.0123456789ab.tmp"
     left.parent.mkdir(parents=True)
     left.write_bytes(b"{")
@@ -214,12 +201,12 @@ def test_a_survey_killed_at_its_first_file_is_walked_again(
 
 
 def test_of_two_walks_at_once_the_second_is_refused_or_finds_the_first(
-    finished: Path, walk: Walk, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+    finished, walk, tmp_path, capfd
+):
     for seed, runs in ((0, tmp_path / "same"), (1, tmp_path / "other")):
         folder = runs / "survey" / "few"
 
-        def work(seed: int = seed, runs: Path = runs) -> Path:
+        def work(seed=seed, runs=runs):
             return walk(runs, seed=seed)
 
         with pytest.raises(BadValue, match="was made with others") if seed else nullcontext():
@@ -228,12 +215,12 @@ def test_of_two_walks_at_once_the_second_is_refused_or_finds_the_first(
                 folder,
                 lambda runs=runs: copied(finished, runs),
                 lambda: capfd.readouterr().err,
-            )  # type: ignore[misc]
+            )
         assert contents(folder) == contents(finished)
         assert [path.name for path in folder.parent.glob("[!.]*")] == ["few"]
 
 
-def test_recordings_of_another_origin_are_never_overwritten(walk: Walk, tmp_path: Path) -> None:
+def test_recordings_of_another_origin_are_never_overwritten(walk, tmp_path):
     folder = tmp_path / "runs" / "survey" / "robot"
     (folder / "observations").mkdir(parents=True)
     (folder / "observations" / "0000.wav").write_bytes(b"a real robot")
@@ -246,8 +233,8 @@ def test_recordings_of_another_origin_are_never_overwritten(walk: Walk, tmp_path
 
 
 def test_recordings_are_the_mean_of_several_pings_and_the_conditions_say_so(
-    walk: Walk, finished: Path, brief: Scene, tmp_path: Path
-) -> None:
+    walk, finished, brief, tmp_path
+):
     folder = walk(tmp_path, pings=16, poses=2, noise_seconds=1.0)
     read, single = reader.read_survey(folder), reader.read_survey(finished)
     assert (read.conditions["pings"], read.conditions["snr_db"]) == (16, 5.0)
@@ -270,15 +257,13 @@ def test_recordings_are_the_mean_of_several_pings_and_the_conditions_say_so(
 
 
 @pytest.fixture(scope="module")
-def hovered(walk: Walk, brief: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def hovered(walk, brief, tmp_path_factory):
     """Return a survey under rotor noise; not to be changed."""
     scene = replace(brief, diffuse=Diffuse(Rotor()))
     return walk(tmp_path_factory.mktemp("hovered"), scene=scene, snr_db=40.0, sdnr_db=-10.0)
 
 
-def test_noise_that_is_not_white_is_recorded_alone_too(
-    hovered: Path, finished: Path, brief: Scene
-) -> None:
+def test_noise_that_is_not_white_is_recorded_alone_too(hovered, finished, brief):
     read = reader.read_survey(hovered)
     noise = read.noise()
     assert noise is not None
@@ -289,7 +274,7 @@ def test_noise_that_is_not_white_is_recorded_alone_too(
     assert reader.read_survey(finished).noise() is None
 
 
-def test_conditions_tell_both_levels_and_both_noises(hovered: Path) -> None:
+def test_conditions_tell_both_levels_and_both_noises(hovered):
     known = reader.read_survey(hovered).conditions
     assert (known["snr_db"], known["sdnr_db"], known["noise"]) == (40.0, -10.0, "white+rotor")
     heard = localize_survey(hovered, Gated(), name="gated", resamples=2)
@@ -297,7 +282,7 @@ def test_conditions_tell_both_levels_and_both_noises(hovered: Path) -> None:
     assert heard.labelled.source.noise == "white+rotor"
 
 
-def test_rotors_alone_may_be_heard(walk: Walk, brief: Scene, tmp_path: Path) -> None:
+def test_rotors_alone_may_be_heard(walk, brief, tmp_path):
     folder = walk(
         tmp_path, scene=replace(brief, diffuse=Diffuse(Rotor())), snr_db=None, sdnr_db=3.0, poses=2
     )
@@ -306,9 +291,7 @@ def test_rotors_alone_may_be_heard(walk: Walk, brief: Scene, tmp_path: Path) -> 
     assert known["noise"] == "rotor"
 
 
-def test_white_noise_is_recorded_alone_where_it_is_asked_for(
-    walk: Walk, finished: Path, tmp_path: Path
-) -> None:
+def test_white_noise_is_recorded_alone_where_it_is_asked_for(walk, finished, tmp_path):
     folder = walk(tmp_path, noise_seconds=1.0)
     noise = reader.read_survey(folder).noise()
     assert noise is not None
@@ -336,9 +319,7 @@ def test_white_noise_is_recorded_alone_where_it_is_asked_for(
         ({"noise_seconds": 127.0}, "noise_seconds=127 s: must be 0 (none), or from "),
     ],
 )
-def test_bad_noises_are_refused_before_anything_is_written(
-    walk: Walk, tmp_path: Path, change: dict[str, object], message: str
-) -> None:
+def test_bad_noises_are_refused_before_anything_is_written(walk, tmp_path, change, message):
     with pytest.raises(BadValue) as refused:
         walk(tmp_path, **change)
     assert str(refused.value).startswith(message)
@@ -347,8 +328,8 @@ def test_bad_noises_are_refused_before_anything_is_written(
 
 @pytest.mark.parametrize(("seconds", "least"), [(0, "2.46"), (5, "30.28")])
 def test_noise_of_a_recording_too_short_is_refused_before_anything_is_written(
-    walk: Walk, brief: Scene, tmp_path: Path, seconds: float, least: str
-) -> None:
+    walk, brief, tmp_path, seconds, least
+):
     """Six microphones take stretches one after the other, of 8 000 samples or 5 s, each with a
     frame of 1 024."""
     assert (round(6 * (8000 + 1024) / 22050, 2), round(6 * (5 * 22050 + 1024) / 22050, 2)) == (
@@ -364,7 +345,7 @@ def test_noise_of_a_recording_too_short_is_refused_before_anything_is_written(
     assert not any(path.is_file() for path in tmp_path.rglob("*"))
 
 
-def test_noise_may_be_as_long_as_its_reader_takes_it(brief: Scene) -> None:
+def test_noise_may_be_as_long_as_its_reader_takes_it(brief):
     """Six microphones of 4 bytes at 22 050 Hz fill 64 MiB in 126.8 s; a recording of this probe
     takes 0.3 s."""
     channels, rate, seconds = 6, 22050, 64 * 2**20 / (4 * 6 * 22050)
@@ -387,7 +368,7 @@ def test_noise_may_be_as_long_as_its_reader_takes_it(brief: Scene) -> None:
         )
 
 
-def test_a_field_without_a_level_is_refused(walk: Walk, brief: Scene, tmp_path: Path) -> None:
+def test_a_field_without_a_level_is_refused(walk, brief, tmp_path):
     with pytest.raises(
         BadValue, match="^sdnr_db=None: must be a level in dB, as the scene has diffuse noise$"
     ):
