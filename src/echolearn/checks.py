@@ -49,7 +49,11 @@ def is_number(value: object) -> TypeGuard[float]:
     """Tell whether `value` is a finite real number (a bool is not)."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return False
-    return math.isfinite(value)
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        # A whole number of more digits than a float can hold is finite, but of no use.
+        return False
 
 
 def check_number(

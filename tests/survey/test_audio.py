@@ -72,17 +72,15 @@ def test_float_recordings_survive_bit_by_bit(
     assert np.array_equal(audio.read_wav(tmp_path / "any.wav", 22050.0), samples)
 
 
-@pytest.mark.parametrize("frames", [1, 200, 399])
+@pytest.mark.parametrize("frames", [1, 399])
 def test_a_file_that_was_cut_is_refused(tmp_path: Path, frames: int) -> None:
     """Where a disk was full, say: frames of 3 channels of 4 bytes are missing at the end."""
     data = audio.wav_bytes(SAMPLES, 22050.0)
     (tmp_path / "cut.wav").write_bytes(data[: len(data) - 12 * frames])
-    with pytest.raises(BadValue) as refused:
-        audio.read_wav(tmp_path / "cut.wav", 22050.0)
-    said = f"finished at {len(data) - 12 * frames} bytes, expected {len(data)} bytes from header."
+    ends = f"finished at {len(data) - 12 * frames} bytes, expected {len(data)} bytes from header."
     assert (
-        str(refused.value)
-        == f"{tmp_path}/cut.wav: cannot be read as WAV (Reached EOF prematurely; {said})"
+        refusal(tmp_path / "cut.wav")
+        == f": cannot be read as WAV (Reached EOF prematurely; {ends})"
     )
 
 
@@ -104,21 +102,18 @@ def test_other_chunks_and_odd_sizes_are_no_damage(tmp_path: Path, length: int) -
 # ---------------------------------------------------------------- FLAC
 
 
-@pytest.mark.parametrize("width", [16, 24])
-def test_flac_is_the_same_as_wav(tmp_path: Path, width: int) -> None:
-    whole = np.rint(SAMPLES.T * 2 ** (width - 1)).astype(np.int32) << (
-        32 - width
-    )  # of as many bits as the file has
+@pytest.mark.parametrize(("width", "microphones"), [(16, 3), (24, 3), (16, 1)])
+def test_flac_is_the_same_as_wav(tmp_path: Path, width: int, microphones: int) -> None:
+    samples = SAMPLES[:microphones]
+    whole = np.rint(samples.T * 2 ** (width - 1)).astype(np.int32) << (32 - width)
     for name in ("a.wav", "a.FLAC"):
         soundfile.write(tmp_path / name, whole, 22050, subtype=f"PCM_{width}")
-    wav, held = (audio.read_recording(tmp_path / name, 22050.0, shape=SHAPE) for name in ("a.wav", "a.FLAC"))
+    wav, held = (
+        audio.read_recording(tmp_path / name, 22050.0, shape=samples.shape)
+        for name in ("a.wav", "a.FLAC")
+    )
     assert held.dtype == np.float64 and held.flags.c_contiguous
-    assert np.array_equal(wav, held) and np.abs(held - SAMPLES).max() <= 2.0 ** (1 - width)
-
-
-def test_flac_of_one_microphone_has_two_axes(tmp_path: Path) -> None:
-    soundfile.write(tmp_path / "a.flac", SAMPLES[0], 22050)
-    assert audio.read_recording(tmp_path / "a.flac", 22050.0, shape=(1, 400)).shape == (1, 400)
+    assert np.array_equal(wav, held) and np.abs(held - samples).max() <= 2.0 ** (1 - width)
 
 
 @pytest.mark.parametrize("broken", [None, OSError("sndfile library not found")])
@@ -162,16 +157,17 @@ def test_every_damage_is_an_error_or_harmless(flac: Path) -> None:
 @pytest.mark.parametrize(
     ("shape", "rate", "message"),
     [
-        ((2, 400), 22050, "=(2, 400): 3 channels of 400 samples"),
-        ((3, 399), 22050, "=(3, 399): 3 channels of 400 samples"),
-        ((3, 400), 44100, " sample_rate=44100 Hz: 22050 Hz; resample the recording"),
+        ((2, 400), 22050, "=(2, 400): must be 3 channels of 400 samples"),
+        ((3, 399), 22050, "=(3, 399): must be 3 channels of 400 samples"),
+        ((3, 400), 44100, " sample_rate=44100 Hz: must be 22050 Hz; resample the recording"),
     ],
 )
-def test_flac_that_does_not_fit_is_refused(
-    tmp_path: Path, shape: tuple[int, int], rate: int, message: str
+@pytest.mark.parametrize("name", ["a.flac", "a.wav"])
+def test_a_recording_that_does_not_fit_is_refused(
+    tmp_path: Path, shape: tuple[int, int], rate: int, message: str, name: str
 ) -> None:
-    soundfile.write(tmp_path / "a.flac", np.zeros(shape[::-1]), rate)
-    assert refusal(tmp_path / "a.flac") == message
+    soundfile.write(tmp_path / name, np.zeros(shape[::-1]), rate)
+    assert refusal(tmp_path / name) == message
 
 
 def test_what_is_declared_is_compared_before_anything_is_unpacked(tmp_path: Path) -> None:
@@ -181,7 +177,7 @@ def test_what_is_declared_is_compared_before_anything_is_unpacked(tmp_path: Path
             file.write(np.zeros((100_000, 8), dtype=np.int16))
     assert (tmp_path / "bomb.flac").stat().st_size < 20_000
     tracemalloc.start()
-    assert refusal(tmp_path / "bomb.flac") == "=(8, 1500000): 3 channels of 400 samples"
+    assert refusal(tmp_path / "bomb.flac") == "=(8, 1500000): must be 3 channels of 400 samples"
     assert tracemalloc.get_traced_memory()[1] < 1 << 20
     tracemalloc.stop()
 
@@ -199,10 +195,12 @@ def test_flac_of_unknown_length_is_refused(flac: Path) -> None:
 def test_another_format_is_not_read_for_its_name(tmp_path: Path, kind: str) -> None:
     """Of all that soundfile could read nothing but FLAC reaches it."""
     soundfile.write(tmp_path / "a.flac", SAMPLES.T, 22050, format=kind)
-    assert refusal(tmp_path / "a.flac") == "=no FLAC: a FLAC file; other names are read as WAV"
+    assert (
+        refusal(tmp_path / "a.flac") == "=no FLAC: must be a FLAC file; other names are read as WAV"
+    )
 
 
 def test_flac_that_is_absent_or_too_large_is_named(tmp_path: Path) -> None:
     assert refusal(tmp_path / "a.flac").startswith(": cannot be read as FLAC ([Errno 2]")
     (tmp_path / "b.flac").write_bytes(bytes(100_000))
-    assert refusal(tmp_path / "b.flac") == "=100000 bytes: at most 75136 bytes"
+    assert refusal(tmp_path / "b.flac") == "=100000 bytes: must be at most 75136 bytes"

@@ -26,6 +26,7 @@ from echolearn.runtime.progress import track
 from echolearn.storage import manifests
 from echolearn.storage.files import sha256
 from echolearn.storage.once import once
+from echolearn.survey.audio import LARGEST, check_size
 from echolearn.survey.direct_path import REMOVALS
 from echolearn.survey.proof import read_proved, used
 from echolearn.survey.reader import CALIBRATION, Survey, blocks
@@ -146,9 +147,14 @@ def _check_removal(walk: Survey, direct: str) -> None:
 
 def _fingerprint(walk: Survey) -> str:
     """Return the digest of all files of a survey that a map depends on."""
-    present = [name for name in used(walk) if (walk.folder / name).is_file()]
-    sums = "".join(f"{name} {sha256(walk.folder / name)}\n" for name in present)
-    return hashlib.sha256(sums.encode()).hexdigest()
+    sums = hashlib.sha256()
+    for name in used(walk):
+        path = walk.folder / name
+        check_size(path, LARGEST)
+        # What is missing is named when it is read.
+        if path.is_file():
+            sums.update(f"{name} {sha256(path)}\n".encode())
+    return sums.hexdigest()
 
 
 def score_survey(scorer: Scorer, walk: Survey, *, resolution: float = 0.05) -> MappedWalk:

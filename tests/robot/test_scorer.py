@@ -1,0 +1,240 @@
+"""A bundle at work: the laboratory's confidences and points, in a process that has nothing else."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from echolearn.acoustics.geometry import circular_array
+from echolearn.acoustics.signals import noise_probe
+from echolearn.acoustics.types import Array, MicArray, Observation
+from echolearn.checks import BadValue
+from echolearn.comparison.localized import localize_survey
+from echolearn.robot.scorer import BLOCK, ScoredEchoes, Scorer, load
+from echolearn.survey import reader
+from echolearn.training.predictions import load_scorer, predict, stack_inputs
+from echolearn.training.runs import Run, load_runs
+from world import POSES, World, pack, train
+
+WALK = "hall_0dB"
+
+
+@pytest.fixture(scope="module")
+def scorer(packed: Path) -> Scorer:
+    return load(packed)
+
+
+@pytest.fixture(scope="module")
+def walk(world: World) -> reader.Survey:
+    return reader.read_survey(world.runs / "survey" / WALK)
+
+
+@pytest.fixture(scope="module")
+def observation(walk: reader.Survey) -> Observation:
+    return walk.observe(range(POSES))
+
+
+@pytest.fixture(scope="module")
+def scored(scorer: Scorer, walk: reader.Survey, observation: Observation) -> ScoredEchoes:
+    return scorer.score(observation, walk.poses)
+
+
+@pytest.fixture(scope="module")
+def run(world: World) -> Run:
+    [found] = [r for r in load_runs(world.runs) if r.classifier == "trees_features"]
+    return found
+
+
+def test_confidences_are_the_runs(scorer: Scorer, run: Run, world: World) -> None:
+    x = stack_inputs(run.inputs, {name: world.sets["offgrid_hall"][name] for name in run.inputs})
+    factors = np.geomspace(0.01, 100, 100).repeat(len(x))
+    many = np.tile(x, (100, 1)) * factors[:, None]
+    assert len(many) > BLOCK
+    assert np.abs(scorer(many) - load_scorer(run.folder)(many)).max() <= 1e-5
+    assert scorer(many[:0]).shape == (0,)
+
+
+def test_points_and_confidences_are_the_laboratorys(
+    scored: ScoredEchoes, run: Run, world: World
+) -> None:
+    gated = world.arguments["localizers"]["gated"]
+    folder = world.runs / "survey" / WALK
+    expected = localize_survey(folder, gated, name="gated", resamples=9)
+    confidence = predict(run, expected.columns)
+    assert np.abs(scored.map.points - expected.points).max() <= 1e-5
+    assert np.abs(scored.map.confidence - confidence).max() <= 1e-5
+    assert np.array_equal(scored.map.kept, confidence >= run.threshold)
+    assert 0 < scored.map.kept.sum() < POSES
+    assert np.allclose(scored.echoes.toa[:, 0], expected.columns["toa"], atol=1e-12)
+
+
+def test_pose_by_pose_the_same_points_come_out(
+    scorer: Scorer, scored: ScoredEchoes, walk: reader.Survey, observation: Observation
+) -> None:
+    steps = [
+        scorer.update(replace(observation, samples=observation.samples[k]), walk.poses[k])
+        for k in range(POSES)
+    ]
+    assert {len(step.points) for step in steps} == {0, 1} and all(step.kept.all() for step in steps)
+    kept = scored.map.kept
+    for name in ("points", "confidence", "poses"):
+        together = np.concatenate([getattr(step, name) for step in steps])
+        assert np.allclose(together, getattr(scored.map, name)[kept], atol=1e-5)
+
+
+def test_a_gain_and_a_softer_copy_of_the_probe_change_nothing(
+    scorer: Scorer, scored: ScoredEchoes, walk: reader.Survey, observation: Observation
+) -> None:
+    softer = replace(observation.probe, samples=observation.probe.samples * 0.25)
+    given = replace(observation, samples=3.0 * observation.samples, probe=softer)
+    confidence = scorer.score(given, walk.poses).map.confidence
+    assert np.allclose(confidence, scored.map.confidence, atol=1e-4)
+
+
+@pytest.mark.parametrize("dtype", [np.int16, np.int32, np.float16, np.float32])
+def test_samples_of_any_real_dtype_give_the_points_of_floats(
+    dtype: type, scorer: Scorer, scored: ScoredEchoes, walk: reader.Survey, observation: Observation
+) -> None:
+    """As a sound card gives them, filling the range of 16 bits, whose squares would wrap around."""
+    few = observation.samples[:4]
+    samples = np.rint(30_000 / np.abs(few).max(axis=(1, 2), keepdims=True) * few).astype(dtype)
+    found, expected = (
+        scorer.score(replace(observation, samples=given), walk.poses[:4]).map.points
+        for given in (samples, samples.astype(float))
+    )
+    assert np.array_equal(found, expected)
+    assert np.allclose(found, scored.map.points[:4], atol=1e-3)
+
+
+def test_recordings_of_another_robot_are_refused(
+    scorer: Scorer, walk: reader.Survey, observation: Observation
+) -> None:
+    probe, positions = observation.probe, observation.array.positions
+    silent = observation.samples.copy()
+    silent[3] = 0.0
+    faster = {"probe": replace(probe, sample_rate=44100.0)}
+    moved = {"array": MicArray(positions + np.eye(6, 3) * 0.004)}
+    other = {"probe": noise_probe(seed=8, length=6000)}
+    cases: dict[str, dict[str, Any]] = {
+        "bundle expects sample_rate=22050 Hz, survey has 44100 Hz; resample with": faster,
+        "microphones=4: must be 6, the bundle's": {"array": circular_array(microphones=4)},
+        "microphones=one is off by 4.0 mm: must be at most 1 mm": moved,
+        "are the microphones in the same order": {"array": MicArray(positions[::-1])},
+        r"observation.samples=shape \(36, 5, 6000\)": {"samples": observation.samples[:, :5]},
+        "probe=correlates .* with the bundle's: must be the same burst; play": other,
+        "window.farthest=2.0 m": {"samples": observation.samples[..., :200]},
+        r"^observation.samples=silence in \[3\]: must be recordings; was": {"samples": silent},
+    }
+    for message, changes in cases.items():
+        with pytest.raises(BadValue, match=message):
+            scorer.score(replace(observation, **changes), walk.poses)
+    with pytest.raises(BadValue, match=r"^observation.samples=silence in \[0\]"):
+        scorer.update(replace(observation, samples=silent[3].astype(np.int16)), walk.poses[3])
+
+
+def test_an_array_mounted_at_an_angle_finds_the_same_walls(
+    scorer: Scorer, scored: ScoredEchoes, walk: reader.Survey, observation: Observation
+) -> None:
+    """The same recordings by a robot whose x axis points elsewhere: the same points."""
+    turn = 0.6
+    cosine, sine = np.cos(turn), np.sin(turn)
+    rotation = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+    turned = replace(observation, array=MicArray(observation.array.positions @ rotation))
+    poses = [replace(pose, heading=pose.heading - turn) for pose in walk.poses]
+    found = scorer.score(turned, poses)
+    assert np.allclose(found.map.points, scored.map.points)
+    assert np.allclose(found.map.confidence, scored.map.confidence)
+    difference = found.echoes.azimuth - scored.echoes.azimuth - turn
+    assert np.allclose(np.exp(1j * difference), 1)
+
+
+@pytest.mark.parametrize(
+    ("x", "message"),
+    [
+        (np.zeros((3, 5)), r"shape=\(3, 5\): must be \(B, 4\) of peak_to_rms, second_to_first"),
+        (np.zeros(4), "shape"),
+        (np.zeros(()), "shape"),
+        (np.full((1, 4), np.nan), "NaN or infinity"),
+        (np.full((1, 4), 1e300), "NaN or infinity"),
+    ],
+)
+def test_inputs_that_are_none_are_refused(scorer: Scorer, x: Array, message: str) -> None:
+    with pytest.raises(BadValue, match=f"^inputs.*{message}"):
+        scorer(x)
+
+
+def test_tensors_travel_too(
+    world: World, tmp_path: Path, walk: reader.Survey, observation: Observation
+) -> None:
+    net = {"_target_": "echolearn.classifiers.architectures.CovarianceNet"}
+    keys = {
+        "_target_": "echolearn.classifiers.methods.network.Network",
+        "inputs": ["covariance_steered"],
+        "net": net | {"channels": 4, "layers": 1},
+        "epochs": 2,
+    }
+    runs = tmp_path / "runs"
+    runs.mkdir()
+    (runs / "data").symlink_to(world.runs / "data")
+    train(world.sets["scattered"], "threshold_peak", seed=0, runs=runs, **keys)
+    [folder] = (runs / "train").iterdir()
+    scorer = load(pack(world, "svm_pair", tmp_path, run=folder, name="tensors"))
+    assert scorer.bundle.shape == (16, 36)
+    confidence = scorer.score(observation, walk.poses).map.confidence
+    assert np.isfinite(confidence).all() and np.ptp(confidence) > 0
+
+
+ALONE = """
+import sys
+import numpy as np
+hidden = "torch sklearn hydra omegaconf lightning numba yaml onnx rich soundfile".split()
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in hidden:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Hidden())
+from echolearn.robot.scorer import load
+from echolearn.acoustics.types import MicArray, Observation, Pose, Probe
+given = np.load(sys.argv[2])
+probe = Probe(given["probe"], 22050.0, 6000)
+observation = Observation(given["samples"], probe, MicArray(given["microphones"]))
+found = load(sys.argv[1]).score(observation, [Pose(given["position"], float(given["heading"]))])
+print(*found.map.points[0], *found.map.confidence)
+"""
+
+
+def test_a_process_with_three_libraries_is_enough(
+    packed: Path, scored: ScoredEchoes, walk: reader.Survey, tmp_path: Path
+) -> None:
+    """What a robot does not need is hidden from it, and nothing is left in its home folder."""
+    given = {
+        "samples": walk.observe([0]).samples,
+        "probe": walk.probe.samples,
+        "microphones": walk.array.positions,
+        "position": walk.poses[0].position,
+        "heading": walk.poses[0].heading,
+    }
+    np.savez(tmp_path / "given.npz", **given)
+    (tmp_path / "home").mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE, str(packed), str(tmp_path / "given.npz")],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "HOME": str(tmp_path / "home")},
+    )
+    expected = [*scored.map.points[0], scored.map.confidence[0]]
+    assert np.allclose([float(word) for word in done.stdout.split()], expected, atol=1e-5)
+    assert not [path for path in (tmp_path / "home").rglob("*") if "onnxruntime" in path.name]
+
+
+def test_training_keeps_onnxruntime_out_of_the_home_folder_too(tmp_path: Path) -> None:
+    code = "import echolearn.classifiers.inference"
+    home = {**os.environ, "HOME": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", code], env=home, check=True)
+    assert not [path for path in tmp_path.rglob("*") if "onnxruntime" in path.name]

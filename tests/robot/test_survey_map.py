@@ -1,0 +1,417 @@
+"""From a survey and a bundle to map files: made once, and what does not fit refused."""
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from scipy.io import wavfile
+
+from by_hand import edit
+from echolearn.acoustics.geometry import circular_array, distance_to_outline, outline
+from echolearn.acoustics.types import Array, Pose, Probe, Room
+from echolearn.checks import BadValue
+from echolearn.cli.main import main
+from echolearn.evaluation.metrics import MAP_TOLERANCE
+from echolearn.mapping.mapped_walk import BAG
+from echolearn.robot.scorer import load
+from echolearn.robot.survey_map import map_survey, score_survey
+from echolearn.simulation.noise.white import White
+from echolearn.simulation.rir.images import Images
+from echolearn.simulation.rir.pyroom import Pyroom
+from echolearn.simulation.scene import Scene
+from echolearn.simulation.walk import trajectory
+from echolearn.survey import audio, reader
+from echolearn.survey.description import description_bytes
+from echolearn.survey.poses import poses_csv
+from world import HALL, POSES, World, coming_second, plans
+
+FILES = ["manifest.json", "map.csv", "map.pgm", "map.ply", "map.svg", "map.yaml", "walls.csv"]
+Make = Callable[..., Path]
+
+
+@pytest.fixture
+def walk(world: World, tmp_path: Path) -> Path:
+    """Return a copy of the walk at 0 dB, without its manifest, as a robot leaves it."""
+    folder = shutil.copytree(world.runs / "survey" / "hall_0dB", tmp_path / "walk")
+    (folder / "manifest.json").unlink()
+    return folder
+
+
+@pytest.fixture
+def made(packed: Path, walk: Path, tmp_path: Path) -> Make:
+    """Return `map_survey` of the walk."""
+    return partial(map_survey, survey=walk, bundle=packed, runs=tmp_path / "runs")
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    paths = [path for path in folder.rglob("*") if path.is_file()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+def about(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "manifest.json").read_text()))
+
+
+def points(folder: Path) -> Array:
+    """Return x, y, confidence and whether it is kept, of every point of a map, shape (P, 4)."""
+    with (folder / "map.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    names = ("x_m", "y_m", "confidence", "kept")
+    return np.array([[float(row[name]) for name in names] for row in rows])
+
+
+def on_walls(places: Array, corners: Array) -> Array:
+    return distance_to_outline(places[:, :2], corners) <= MAP_TOLERANCE
+
+
+def test_the_map_is_what_the_scorer_finds(packed: Path, walk: Path, made: Make) -> None:
+    folder = made()
+    assert sorted(content(folder)) == FILES
+    found = score_survey(load(packed), reader.read_survey(walk)).map
+    table = points(folder)
+    assert len(table) == POSES and np.array_equal(table[:, :2], found.points)
+    assert np.array_equal(table[:, 2], found.confidence)
+    assert np.array_equal(table[:, 3] == 1, found.kept)
+    true = on_walls(table, outline(HALL))
+    scores = about(folder)["scores"]
+    assert scores["precision"] == pytest.approx(true[found.kept].mean())
+    assert scores["true_retention"] == pytest.approx(found.kept[true].mean())
+
+
+def test_a_finished_map_is_shown_again_and_another_survey_makes_another(
+    made: Make, walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def inodes() -> dict[str, int]:
+        return {path.name: path.stat().st_ino for path in folder.iterdir()}
+
+    folder = made()
+    before, said, kept = content(folder), capsys.readouterr().out, inodes()
+    made()
+    assert capsys.readouterr().out == said and "  precision " in said and inodes() == kept
+    (folder / "map.ply").write_bytes(b"torn")
+    assert content(made()) == before == content(made(runs=tmp_path / "again"))
+    edit(walk, walls=None)
+    made()
+    assert "precision" not in capsys.readouterr().out.split("fitted")[-1]
+    assert about(folder)["scores"] is None
+
+
+def test_a_map_killed_at_its_first_file_is_made_again(made: Make, tmp_path: Path) -> None:
+    left = tmp_path / "runs" / "maps" / "walk-small" / ".map.csv.0123456789ab.tmp"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"index")
+    assert sorted(content(made())) == FILES
+
+
+def test_of_two_maps_at_once_the_second_waits_and_replaces_the_first(
+    made: Make, world: World, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """None is a mixture; that the map was another's is told, whoever asks."""
+    other = made(survey=world.runs / "survey" / "hall_-10dB", runs=tmp_path / "o", name="one")
+    expected = content(made(runs=tmp_path / "same", name="one"))
+    folder, told = tmp_path / "runs" / "maps" / "one", "replaces the map of another survey or bund"
+    assert told not in capfd.readouterr().err
+
+    def second(first: Path) -> None:
+        coming_second(
+            partial(made, name="one"),
+            folder,
+            lambda: shutil.copytree(first, folder),
+            lambda: capfd.readouterr().err,
+        )
+        assert content(folder) == expected
+
+    second(other)
+    assert capfd.readouterr().err.count(told) == 1
+    shutil.rmtree(folder)
+    second(tmp_path / "same" / "maps" / "one")
+    assert told not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "put", "message"),
+    [
+        ("bag", lambda path: path.write_bytes(b""), "bag=a file: must be a folder, or none"),
+        ("map.svg", Path.mkdir, "map.svg=no plain file: must be a file of a map, or none"),
+    ],
+)
+def test_nothing_is_rewritten_before_it_is_known_that_all_can_be(
+    name: str, put: Callable[[Path], object], message: str, made: Make
+) -> None:
+    folder = made()
+    (folder / name).unlink(missing_ok=True)
+    put(folder / name)
+    before = content(folder)
+    with pytest.raises(BadValue, match=message):
+        made(resolution=0.1, ros=name == "bag")
+    assert content(folder) == before
+
+
+def test_what_is_no_map_is_left_alone(made: Make, tmp_path: Path) -> None:
+    maps = tmp_path / "runs" / "maps"
+    (maps / "thesis").mkdir(parents=True)
+    (maps / "thesis" / "all.txt").write_text("of it")
+    (maps / "file").write_bytes(b"")
+    for name, said in (("thesis", "holds"), ("file", "is")):
+        with pytest.raises(BadValue, match=f"name={name}: must be a new name.*{said} something el"):
+            made(name=name)
+    with pytest.raises(BadValue, match="cannot be written"):
+        made(runs=Path("/dev/null"))
+
+
+def test_a_finished_map_gets_its_bag_and_loses_it_again(made: Make) -> None:
+    plain = content(made())
+    folder = made(ros=True)
+    with_bag = content(folder)
+    assert sorted(with_bag.keys() - plain.keys()) == sorted(BAG)
+    assert {name for name in plain if plain[name] != with_bag[name]} == {"manifest.json"}
+    assert about(folder)["inputs"]["ros"] is True
+    (folder / BAG[0]).write_bytes(b"torn")
+    assert content(made(ros=True)) == with_bag
+    assert content(made()) == plain and not (folder / "bag").exists()
+
+
+def test_without_the_library_of_bags_nothing_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
+    monkeypatch.delitem(sys.modules, "echolearn.mapping.files.mcap", raising=False)
+    monkeypatch.chdir(tmp_path)
+    assert main(["map", "survey=nowhere", "bundle=nowhere", "ros=true"]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "ros=true: needs rosbags; pip install 'echolearn[ros]'" in said
+    assert [*tmp_path.iterdir()] == []
+
+
+# ---------------------------------------------------------------- the direct path
+
+
+def with_direct(walk: Path, gain: float, *, pcm: bool) -> Array:
+    """Let a walk be recorded as microphones would, the loudspeaker's burst first; return that."""
+    survey = reader.read_survey(walk)
+    direct = Scene(survey.array, survey.probe, Images(), None).direct  # type: ignore[arg-type]
+    for name in survey.files:
+        samples = gain * (audio.read_wav(walk / name, 22050.0) + direct)
+        kind = np.rint(samples.T * 32767).astype(np.int16) if pcm else samples.T.astype(np.float32)
+        wavfile.write(walk / name, 22050, kind)
+    edit(walk, direct_path="present")
+    return np.asarray(direct)
+
+
+def test_a_direct_path_that_is_present_is_removed(made: Make, walk: Path, tmp_path: Path) -> None:
+    removed = points(made(runs=tmp_path / "removed"))
+    with_direct(walk, 0.02, pcm=True)
+    present = points(made())
+    same = np.linalg.norm(removed[:, :2] - present[:, :2], axis=1) < 0.02
+    assert same[on_walls(removed, outline(HALL))].mean() > 0.95
+    assert np.abs(removed[:, 2] - present[:, 2])[same].mean() < 0.03
+
+
+def test_the_way_to_remove_the_direct_path_is_chosen(
+    made: Make, walk: Path, tmp_path: Path
+) -> None:
+    """A loudspeaker of gain 0.5: fitted and recorded agree, the free field is too loud."""
+    removed = points(made(runs=tmp_path / "removed"))
+    with pytest.raises(BadValue, match="direct=fitted: must be null; .* has direct_path: removed"):
+        made(direct="fitted")
+    direct = with_direct(walk, 0.5, pcm=False)
+    with pytest.raises(BadValue, match="direct=calibration: must be fitted or analytic; .* has no"):
+        made(direct="calibration")
+    with pytest.raises(BadValue, match="direct=by hand: must be one of calibration, fitted"):
+        made(direct="by hand")
+    fitted = points(made(runs=tmp_path / "0"))
+    (walk / "calibration.wav").write_bytes(audio.wav_bytes(direct, 22050.0))
+    first = points(made())
+    chosen = {way: points(made(direct=way)) for way in ("calibration", "analytic", "fitted")}
+    assert np.array_equal(first, chosen["calibration"])
+    assert np.array_equal(fitted, chosen["fitted"])
+
+    def true(places: Array) -> float:
+        return float(on_walls(places, outline(HALL)).mean())
+
+    assert min(true(first), true(fitted)) > true(removed) - 0.05
+    assert true(chosen["analytic"]) < true(first) / 2
+
+
+def test_another_simulator_at_another_rate_with_a_turned_array_is_mapped(
+    made: Make, tmp_path: Path
+) -> None:
+    """By pyroomacoustics at 44.1 kHz, int16, direct path present, the array turned; 20 dB."""
+    tower = Room((6.0, 5.0, 7.0), 0.25)  # its floor and ceiling are out of reach
+    burst = plans()[0].scene.probe.samples
+    # Twice the rate by zeros in the spectrum.
+    fine = np.fft.irfft(np.fft.rfft(burst, 2048), 4096)[: 2 * len(burst)] * 2
+    array, probe = circular_array(offset=np.pi / 6), Probe(fine, 44100.0, 12000)
+    scene, walk = Scene(array, probe, Pyroom(), White()), tmp_path / "tower"
+    poses = trajectory(tower, poses=60)[:24]  # along the walls
+    walk.mkdir()
+    names = [f"{index}.wav" for index in range(len(poses))]
+    for index, pose in enumerate(poses):
+        received = scene.received(tower, pose)
+        noise = np.random.default_rng(index).standard_normal(received.shape)
+        samples = 0.05 * (received + noise * np.sqrt(np.mean(received**2) / 100))
+        wavfile.write(walk / names[index], 44100, np.rint(samples.T * 32767).astype(np.int16))
+    padded = np.pad(fine, (0, 12000 - len(fine)))
+    (walk / "probe.wav").write_bytes(audio.wav_bytes(padded, 44100))
+    (walk / "poses.csv").write_bytes(poses_csv(poses, names))
+    corners = outline(tower)
+    text = description_bytes(array, probe, speed_of_sound=343.0, walls=corners, conditions={})
+    (walk / "survey.yaml").write_bytes(text)
+    edit(walk, direct_path="present")
+    with pytest.raises(BadValue, match="resample with `echolearn map resample=true`"):
+        made(survey=walk)
+    found = points(made(survey=walk, resample=True))
+    true, kept = on_walls(found, corners), found[:, 3] == 1
+    assert true.mean() > 0.8 and kept.sum() >= 12 and true[kept].mean() >= 0.9
+
+
+# ---------------------------------------------------------------- what does not fit
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        (lambda x: np.clip(x, -0.2 * x.std(), 0.2 * x.std()), "microphone 1 clipped at "),
+        (lambda x: x * (np.arange(6) > 0), "silence at microphone 1: "),
+    ],
+)
+def test_what_is_wrong_with_a_recording_is_said_of_its_file(
+    fault: Callable[[Array], Array], message: str, made: Make, walk: Path, tmp_path: Path
+) -> None:
+    path = walk / "observations" / "0033.wav"
+    wavfile.write(path, 22050, fault(wavfile.read(path)[1]).astype(np.float32))
+    with pytest.raises(BadValue, match=f"^{path}: {message}"):
+        made()
+    assert content(tmp_path / "runs") == {}
+
+
+def test_where_nothing_is_kept_there_is_advice(
+    made: Make, walk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Noise has no echoes; of 36 poses with it one might be believed, of 4 none."""
+    made()
+    assert "no echo is believed" not in capsys.readouterr().out
+    rows = (walk / "poses.csv").read_text().splitlines(keepends=True)
+    (walk / "poses.csv").write_text("".join(rows[:5]))
+    for seed, name in enumerate(reader.read_survey(walk).files):
+        noise = np.random.default_rng(seed).standard_normal((6, 6000))
+        (walk / name).write_bytes(audio.wav_bytes(noise, 22050.0))
+    assert about(made())["kept"] == 0
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    assert first.startswith("4 poses, 0 echoes kept")
+    assert second.startswith("no echo is believed; is the direct path removed (calibration.wav, ")
+
+
+def at_rate(walk: Path, rate: int) -> None:
+    """Let all files of a walk say that they have another sample rate."""
+    for name in ("probe.wav", *reader.read_survey(walk).files):
+        wavfile.write(walk / name, rate, wavfile.read(walk / name)[1])
+    edit(walk, sample_rate=float(rate))
+
+
+def far(walk: Path) -> None:
+    """Take the first pose 9 km away, for which 60 000 million cells were needed."""
+    survey = reader.read_survey(walk)
+    poses = [Pose(np.array([9000.0, 9000.0, 2.0])), *survey.poses[1:]]
+    (walk / "poses.csv").write_bytes(poses_csv(poses, survey.files))
+
+
+@pytest.mark.parametrize(
+    ("change", "given", "message"),
+    [
+        (None, {"bundle": Path("nowhere")}, "echolearn export wrote; there is no such folder"),
+        (None, {"survey": Path("nowhere")}, "in the recorded-survey format; there is no such fol"),
+        (None, {"survey": Path(__file__)}, "it is a file"),
+        (None, {"survey": Path("bundle")}, "this is a bundle; did you swap survey and bundle?"),
+        (None, {"bundle": Path("survey")}, "this is a survey; did you swap survey and bundle?"),
+        (None, {"name": "../up"}, "name=../up: must be letters"),
+        (None, {"resolution": 0}, "resolution=0 m: must be a number from 0.005 to 1 m"),
+        (None, {"resample": "maybe"}, "resample=maybe: must be true or false"),
+        (None, {"ros": "yes"}, "ros=yes: must be true or false"),
+        (partial(at_rate, rate=44100), {}, "expects sample_rate=22050 Hz, survey has 44100 Hz; re"),
+        (partial(at_rate, rate=16000), {}, "16000 Hz: must be at least 22050 Hz; the rate is too"),
+        (partial(at_rate, rate=16000), {"resample": True}, "16000 Hz: must be at least 22050 Hz"),
+        (far, {}, "^resolution=0.05 m: must leave at most 16000000 cells; choose a larger one"),
+    ],
+)
+def test_what_does_not_fit_is_refused_and_nothing_is_left(
+    change: Callable[[Path], None] | None,
+    given: dict[str, Any],
+    message: str,
+    made: Make,
+    packed: Path,
+    walk: Path,
+    tmp_path: Path,
+) -> None:
+    if change:
+        change(walk)
+    named = {Path("bundle"): packed, Path("survey"): walk}
+    with pytest.raises(BadValue, match=message):
+        made(**{key: named.get(value, value) for key, value in given.items()})
+    assert content(tmp_path / "runs") == {}
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_the_command_maps_and_verifies(
+    packed: Path,
+    walk: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["map", f"survey={walk}", f"bundle={packed}", "resolution=0.1"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"{POSES} poses, ") and said.endswith("runs/maps/walk-small\n")
+    described = yaml.safe_load(Path("runs/maps/walk-small/map.yaml").read_text())
+    assert described["resolution"] == 0.1 and -0.7 <= described["origin"][0] < HALL.size[0]
+    assert main(["verify", "runs/maps/walk-small"]) == 0
+    assert main(["map", f"bundle={packed}"]) == 1
+    assert "name it: echolearn map survey=" in capsys.readouterr().err
+
+
+HIDDEN = """
+import importlib.util, sys
+there = importlib.util.find_spec
+hidden = "torch sklearn hydra omegaconf lightning pyroomacoustics numba onnx matplotlib rich "
+hidden = {*hidden.split(), "soundfile", "rosbags"}
+def find(name, package=None):
+    return None if name.split(".")[0] in hidden else there(name, package)
+importlib.util.find_spec = find
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in hidden:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Hidden())
+from echolearn.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_a_robot_without_hydra_maps_by_the_same_command(
+    packed: Path, walk: Path, made: Make, tmp_path: Path
+) -> None:
+    """The laboratory's libraries cannot be found; the map is the same, byte for byte."""
+
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-c", HIDDEN, *words]
+        return subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+
+    done = run("map", f"survey={walk}", f"bundle={packed}", "runs=alone")
+    assert done.returncode == 0, done.stderr
+    alone, whole = content(tmp_path / "alone" / "maps" / "walk-small"), content(made())
+    assert {name: alone[name] for name in FILES[1:]} == {name: whole[name] for name in FILES[1:]}
+    assert "no key bundel; did you mean bundle?" in run("map", "bundel=x").stderr
+    assert "pip install 'echolearn[lab]'" in run("train").stderr
+    assert "pip install 'echolearn[ros]'" in run("map", "survey=x", "bundle=x", "ros=true").stderr

@@ -1,0 +1,234 @@
+"""What a stranger writes into `survey.yaml` and `poses.csv`: whatever is wrong is one line."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from by_hand import FILES, edit
+from echolearn.acoustics.types import Pose
+from echolearn.checks import BadValue
+from echolearn.survey import reader
+from echolearn.survey.poses import poses_csv
+
+CORNERS = "must be null, or 3 to 1000 distinct corners in order around an area"
+KEYS = "sample_rate, speed_of_sound, microphones, loudspeaker, direct_path, walls, conditions"
+
+
+def refusal(folder: Path, name: str) -> str:
+    """Return what is said of a file of the survey."""
+    with pytest.raises(BadValue) as refused:
+        reader.read_survey(folder)
+    assert str(refused.value).startswith(f"{folder}/{name}") and str(refused.value).isprintable()
+    return str(refused.value).removeprefix(f"{folder}/{name}")
+
+
+# ---------------------------------------------------------------- survey.yaml
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("sample_rate", "fast", "=fast Hz: must be a number from 1000 to 400000 Hz"),
+        ("sample_rate", None, "=None Hz"),
+        ("sample_rate", 22.05, "=22.05 Hz"),
+        ("sample_rate", True, "=True Hz"),
+        (
+            "speed_of_sound",
+            0.343,
+            "=0.343 m/s: must be a number from 100 to 2000 m/s; air is 343 m",
+        ),
+        ("speed_of_sound", float("nan"), "=nan m/s"),
+        ("microphones", "six", "=dtype <U3: must be many x 3 finite numbers in m"),
+        ("microphones", None, "=dtype object"),
+        ("microphones", [], "=shape (0,)"),
+        ("microphones", [["0.1", "0", "0"]], "=dtype <U3"),
+        ("microphones", [[0.1, 0.2], [0.3]], "=dtype object"),
+        ("microphones", [[0.1, 0.2, float("nan")]], "=NaN or infinity"),
+        (
+            "microphones",
+            [[200, 0, 0]],
+            "=200 m: must be coordinates from -100 to 100 m; are they in",
+        ),
+        ("loudspeaker", [0.0, 0.0], "=shape (2,): must be 3 finite numbers in m"),
+        ("loudspeaker", [0, 0, -1e9], "=1e+09 m: must be coordinates from -100 to 100 m"),
+        ("walls", "brick", "=dtype <U5"),
+        ("walls", [[0, 0, 0], [1, 0, 0]], "=shape (2, 3): must be many x 2 finite numbers"),
+        ("walls", [[0, 0], [4, 0]], f"=2 corners: {CORNERS}"),
+        ("walls", [[0, 0], [4, 0], [4, 3], [0, 0]], f"=1 corners twice: {CORNERS}; it closes by"),
+        ("walls", [[0, 0], [4, 0], [8, 0]], f"=an area of 0 m^2: {CORNERS}"),
+        ("walls", [[0, 0], [4, 3], [4, 0], [0, 3]], f"=an area of 0 m^2: {CORNERS}; do its sides"),
+        ("walls", [[k % 99, k // 99] for k in range(1001)], f"=1001 corners: {CORNERS}"),
+        ("walls", [[0, 0], [8000, 0], [8000, 12000]], "=12000 m: must be coordinates from -10000"),
+        ("conditions", "windy", "=windy: must be a mapping"),
+        ("conditions", {"snr_db": "loud"}, ".snr_db=loud dB: must be a number from -200 to 200 dB"),
+        ("conditions", {"sdnr_db": [1.0]}, ".sdnr_db=[1.0] dB"),
+        ("conditions", {"snr_db": 1e308}, ".snr_db=1e+308 dB"),
+        ("conditions", {"pings": 0}, ".pings=0: must be a whole number from 1"),
+        ("conditions", {"pings": 2.5}, ".pings=2.5: must be a whole number"),
+        ("direct_path", "perhaps", "=perhaps: must be removed or present"),
+        ("direct_path", True, "=True: must be removed or present"),
+        ("speed_of_sound", ..., f"=missing: must be a mapping with {KEYS}"),
+        ("direct_path", ..., "=missing"),
+    ],
+)
+def test_bad_values_are_refused(folder: Path, key: str, value: Any, message: str) -> None:
+    edit(folder, **{key: value})
+    assert refusal(folder, "survey.yaml").startswith(f" {key}{message}")
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("micorphones", f"micorphones: must be one of {KEYS}; did you mean microphones?"),
+        ("robot", f"robot: must be one of {KEYS}; what else is known of a recording goes into con"),
+        (5, "5: must"),
+        (None, "None: must"),
+        ("", ": must"),
+        ("a\nb", "a\\nb: must"),
+        ("x" * 9999, f"{'x' * 100}: must"),
+    ],
+)
+def test_keys_that_mean_nothing_are_refused(folder: Path, key: Any, message: str) -> None:
+    path = folder / "survey.yaml"
+    path.write_text(path.read_text() + yaml.safe_dump({key: 1}, width=99999))
+    assert refusal(folder, "survey.yaml").startswith(f" key={message}")
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(st.sampled_from([*KEYS.split(", "), "other"]), VALUES)
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_any_value_is_taken_or_refused_in_one_line(folder: Path, key: str, value: Any) -> None:
+    before = (folder / "survey.yaml").read_text()
+    edit(folder, **{key: value})
+    try:
+        reader.read_survey(folder)
+    except BadValue as refused:
+        assert str(refused).startswith(f"{folder}/") and str(refused).isprintable()
+        assert len(str(refused)) < 1000
+    (folder / "survey.yaml").write_text(before)
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ("sample_rate: 44100.0\n", " key='sample_rate', 2 times: must have each key once"),
+        ("  snr_db: 5\n  noise: rotor\n", " key='snr_db', 2 times: must"),
+        ('"a\\n": 1\n"a\\n": 2\n', " key='a\\n', 2 times: must"),
+        ("a: &a [1]\nb: *a\n", ": cannot be read (it holds an alias"),
+        ("\t\twalls: 1\n", ": cannot be read"),
+        ("walls: 'abc\n", ": cannot be read"),
+        ("? [1]\n: 1\n", ": cannot be read"),
+    ],
+)
+def test_text_that_misleads_is_refused(folder: Path, more: str, message: str) -> None:
+    path = folder / "survey.yaml"
+    path.write_text(path.read_text() + more)
+    assert refusal(folder, "survey.yaml").startswith(message)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "5",
+        "words",
+        "[]",
+        "{}",
+        "- sample_rate",
+        "a: [",
+        "\0",
+        "!!python/name:os.system",
+        "!x {}",
+    ],
+)
+def test_text_that_is_no_survey_is_refused(folder: Path, text: str) -> None:
+    (folder / "survey.yaml").write_text(text)
+    assert refusal(folder, "survey.yaml")
+
+
+# ---------------------------------------------------------------- poses.csv
+
+HEAD = "index,x_m,y_m,z_m,heading_rad,file\n"
+COLUMNS = "the columns index,x_m,y_m,z_m,heading_rad,file"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "=no rows"),
+        (HEAD, "=no rows"),
+        (
+            "index,x_m\n0,1\n",
+            f"=without y_m, z_m, heading_rad, file: must have {COLUMNS}; is it sep",
+        ),
+        (HEAD.replace(",", ";") + "0;1;1;1;0;a\n", "=without index, x_m, y_m, z_m"),
+        (HEAD.replace("index,", "") + "1,1,1,0,a\n", "=without index"),
+        (
+            HEAD + "0,here,1,1,0,a\n",
+            " row 2 x_m='here': must be a number from -10000 to 10000 m; are",
+        ),
+        (HEAD + "0,1,1,1,0,a\n\n1,1,1,,0,b\n", " row 4 z_m='': must be a number"),
+        (HEAD + "0,1,1\n", " row 2 z_m=None: must be a number"),
+        (HEAD + "0,1,5,2,5,1,0,a\n", " row 2=8 cells: must be 6 cells; are decimals set off by a"),
+        (HEAD + "0,1,1,1,0\n", " row 2 file=None: must be the name of a recording, which can be"),
+        (HEAD + "0,1,1,1,0,\n", " row 2 file='': must"),
+        (HEAD + "0,1,1,1,0,a\x07\n", " row 2 file='a\\x07': must"),
+        (HEAD + "0,nan,1,1,0,a\n", " row 2 x_m='nan': must"),
+        (
+            HEAD + "0,1,1,1,inf,a\n",
+            " row 2 heading_rad='inf': must be a number from -100 to 100 rad",
+        ),
+        (
+            HEAD + "0,1,1,1,180,a\n",
+            " row 2 heading_rad='180': must be a number from -100 to 100 rad; is ",
+        ),
+        (
+            HEAD + "0,1,12000,1,0,b\n",
+            " row 2 y_m='12000': must be a number from -10000 to 10000 m; are",
+        ),
+        (
+            HEAD + ",1,1,1,0,a\n",
+            " row 2 index='': must be whole numbers of at most 19 digits; they ",
+        ),
+        (HEAD + "1.0,1,1,1,0,a\n", " row 2 index='1.0': must"),
+        (HEAD + "-1,1,1,1,0,a\n", " row 2 index='-1': must"),
+        (HEAD + "1_0,1,1,1,0,a\n", " row 2 index='1_0': must"),
+        (HEAD + "\u0663,1,1,1,0,a\n", " row 2 index='\\u0663': must"),
+        (HEAD + "9" * 20 + ",1,1,1,0,a\n", f" row 2 index='{'9' * 20}': must"),
+        (HEAD + "3,1,1,1,0,a\n03,1,1,1,0,c\n", " index=3, 2 times: must have each number once"),
+        (HEAD + f"0,1,1,1,0,{'a' * 200_000}\n", ": cannot be read"),
+        ("\x00\x01" + HEAD, ""),
+    ],
+)
+def test_bad_poses_are_refused(folder: Path, text: str, message: str) -> None:
+    (folder / "poses.csv").write_text(text)
+    assert refusal(folder, "poses.csv").startswith(message)
+
+
+def test_spreadsheets_may_begin_with_a_mark_and_set_blanks(folder: Path) -> None:
+    text = (
+        f"\ufeffindex, x_m , y_m, z_m, heading_rad, file\r\n7, 1.0, 2, 1.5, -3e-1, {FILES[0]},\r\n"
+    )
+    (folder / "poses.csv").write_text(text, encoding="utf-8", newline="")
+    survey = reader.read_survey(folder)
+    assert (survey.numbers, survey.files, survey.poses[0].heading) == ((7,), (FILES[0],), -0.3)
+    assert survey.poses[0].position.tolist() == [1.0, 2.0, 1.5]
+
+
+def test_headings_and_positions_are_written_to_the_last_digit() -> None:
+    text = poses_csv([Pose(np.array([1 / 3, 0.1 + 0.2, 1e-9]), np.pi)], ["a.wav"]).decode()
+    expected = "0,0.3333333333333333,0.30000000000000004,1e-09,3.141592653589793,a.wav"
+    assert text.splitlines()[1] == expected

@@ -1,0 +1,200 @@
+"""The survey format: what is written is read back, and a recording is what it should be."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import wavfile
+
+from by_hand import ARRAY, CONDITIONS, FILES, POSES, PROBE, ROOM, SAMPLES, edit
+from echolearn.acoustics.geometry import outline
+from echolearn.acoustics.types import Array
+from echolearn.checks import BadValue
+from echolearn.survey.audio import wav_bytes
+from echolearn.survey.direct_path import delayed
+from echolearn.survey.reader import read_survey
+
+
+def refusal(folder: Path) -> str:
+    """Return the one line with which the survey is refused."""
+    with pytest.raises(BadValue) as refused:
+        read_survey(folder).observe([0, 1])
+    assert str(refused.value).isprintable()
+    return str(refused.value)
+
+
+def test_what_is_written_is_read_back(folder: Path) -> None:
+    survey = read_survey(folder)
+    assert np.array_equal(survey.probe.samples, PROBE.samples)
+    assert (survey.probe.sample_rate, survey.probe.length) == (22050.0, 400)
+    assert np.array_equal(survey.array.positions, ARRAY.positions)
+    assert (survey.files, survey.numbers) == (FILES, (0, 1))
+    for found, pose in zip(survey.poses, POSES, strict=True):
+        assert (*found.position, found.heading) == (*pose.position, pose.heading)
+    assert np.array_equal(survey.walls, outline(ROOM))
+    assert survey.conditions == CONDITIONS
+    observation = survey.observe([1, 0])
+    assert observation.samples.dtype == np.float64
+    assert np.array_equal(observation.samples, SAMPLES[[1, 0]])
+    assert observation.speed_of_sound == survey.speed_of_sound == 340.0
+
+
+def test_poses_are_called_what_the_table_calls_them(folder: Path) -> None:
+    """As nanoseconds since 1970, not in order."""
+    rows = f"{2**60},1,2,1.5,0,{FILES[1]}\n7,1,2,1.5,0,{FILES[0]}\n"
+    (folder / "poses.csv").write_text(f"index,x_m,y_m,z_m,heading_rad,file\n{rows}")
+    survey = read_survey(folder)
+    assert survey.numbers == (2**60, 7)
+    assert np.array_equal(survey.observe([1]).samples[0], SAMPLES[0])
+
+
+def test_recordings_may_be_flac(folder: Path) -> None:
+    """The same walk, one recording packed without loss; what was float32 has then 24 bits."""
+    quiet = SAMPLES[1] / 8
+    soundfile.write(folder / "observations" / "1.flac", quiet.T, 22050, subtype="PCM_24")
+    path = folder / "poses.csv"
+    path.write_text(path.read_text().replace("1.wav", "1.flac"))
+    found = read_survey(folder).observe([0, 1]).samples
+    assert np.array_equal(found[0], SAMPLES[0])
+    assert np.abs(found[1] - quiet).max() <= 2**-23
+
+
+@pytest.mark.parametrize(
+    "conditions", [None, {"snr_db": None, "sdnr_db": -3, "pings": 4, "a": "b"}]
+)
+def test_what_is_not_known_may_be_null(folder: Path, conditions: dict[str, object] | None) -> None:
+    edit(folder, walls=None, conditions=conditions)
+    survey = read_survey(folder)
+    assert survey.walls is None and survey.conditions == (conditions or {})
+
+
+def test_a_loudspeaker_elsewhere_moves_the_microphones(folder: Path) -> None:
+    """An array is told relative to its loudspeaker."""
+    edit(folder, loudspeaker=[0.1, -0.2, 0.3])
+    assert np.allclose(read_survey(folder).array.positions, ARRAY.positions - [0.1, -0.2, 0.3])
+
+
+# ---------------------------------------------------------------- recordings
+
+
+@pytest.mark.parametrize(
+    ("name", "samples", "message"),
+    [
+        (FILES[1], SAMPLES[0, :2], "=(2, 400): must be 3 channels of 400 samples"),
+        (FILES[0], SAMPLES[0, :, :399], "=(3, 399): must be 3 channels of 400 samples"),
+        (FILES[0], 0 * SAMPLES[0], "=silence: must be a recording; was the recorder running?"),
+        (FILES[1], SAMPLES[0] * [[np.inf], [1], [1]], "=NaN or infinity: must be finite samples"),
+        ("probe.wav", np.full(400, np.nan), "=NaN or infinity: must be finite samples"),
+        ("probe.wav", np.zeros(400), "=silence: must be the burst that was emitted"),
+        ("probe.wav", np.ones(2**20 + 1), "=1048577 samples: must be at most 1048576"),
+        ("noise.wav", np.ones((2, 1000)), "=(2, 1000): must be 3 channels of at least 400 samples"),
+        ("noise.wav", np.ones((3, 399)), "=(3, 399): must be 3 channels of at least 400 samples"),
+        ("noise.wav", np.full((3, 1000), np.nan), "=NaN or infinity: must be finite samples"),
+    ],
+)
+def test_samples_that_do_not_fit_are_refused(
+    folder: Path, name: str, samples: Array, message: str
+) -> None:
+    (folder / name).write_bytes(wav_bytes(samples, 22050.0))
+    assert refusal(folder) == f"{folder / name}{message}"
+
+
+@pytest.mark.parametrize("name", [FILES[0], "noise.wav"])
+def test_a_recording_at_another_rate_is_refused(folder: Path, name: str) -> None:
+    (folder / name).write_bytes(wav_bytes(SAMPLES[0], 44100.0))
+    message = " sample_rate=44100 Hz: must be 22050 Hz; resample the recording"
+    assert refusal(folder) == f"{folder / name}{message}"
+
+
+@pytest.mark.parametrize("name", ["survey.yaml", "probe.wav", "poses.csv", FILES[0]])
+def test_a_missing_file_is_named(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    assert refusal(folder).startswith(f"{folder / name}: cannot be read")
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 80), st.integers(0, 255)), min_size=1, max_size=4),
+    st.integers(0, 4000),
+)
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_a_damaged_header_is_an_error_or_a_recording(
+    folder: Path, bytes_: list[tuple[int, int]], cut: int
+) -> None:
+    """Whatever the first bytes are, and wherever the file ends, no parser's traceback is seen."""
+    content = bytearray(wav_bytes(SAMPLES[0], 22050.0))
+    for place, value in bytes_:
+        content[place] = value
+    (folder / FILES[0]).write_bytes(bytes(content[: len(content) - cut if cut % 2 else None]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", wavfile.WavFileWarning)
+        try:
+            assert read_survey(folder).observe([0]).samples.shape == (1, 3, 400)
+        except BadValue as refused:
+            assert str(refused).startswith(f"{folder / FILES[0]}") and str(refused).isprintable()
+
+
+def test_noise_alone_may_be_longer_than_a_recording_and_may_be_absent(folder: Path) -> None:
+    assert read_survey(folder).noise() is None
+    noise = np.random.default_rng(1).standard_normal((3, 1000)).astype(np.float32)
+    (folder / "noise.wav").write_bytes(wav_bytes(noise, 22050.0))
+    assert np.array_equal(read_survey(folder).noise(), noise)
+
+
+# ---------------------------------------------------------------- the direct path
+
+
+def coloured() -> Array:
+    """Return the direct path of a loudspeaker that rings, shape (3, 400)."""
+    arrived = delayed(PROBE, ARRAY, speed_of_sound=340.0)
+    rung = np.apply_along_axis(np.convolve, 1, arrived, 0.8 ** np.arange(30))[:, :200]
+    return np.pad(rung, ((0, 0), (0, 200)))
+
+
+@pytest.mark.parametrize("length", [200, 400, 900])
+def test_a_direct_path_that_was_recorded_is_removed_whatever_the_loudspeaker(
+    folder: Path, length: int
+) -> None:
+    """Recorded through other gains than on the walk, cut or padded; geometry would leave half."""
+    gains, path = np.array([[3.0], [0.5], [-2.0]]), coloured()
+    for name, samples in zip(FILES, SAMPLES, strict=True):
+        (folder / name).write_bytes(wav_bytes(gains * path + 1e-3 * samples, 22050.0))
+    edit(folder, direct_path="present")
+    fitted = read_survey(folder).observe([0, 1]).samples
+    alone = np.pad(0.25 * path, ((0, 0), (0, 500)))[:, :length]
+    (folder / "calibration.wav").write_bytes(wav_bytes(alone, 22050.0))
+    left = read_survey(folder).observe([0, 1]).samples
+    assert np.mean((left - 1e-3 * SAMPLES) ** 2) < 0.01 * np.mean((1e-3 * SAMPLES) ** 2)
+    assert np.mean(fitted**2) > 1e4 * np.mean(left**2)
+
+
+@pytest.mark.parametrize(
+    ("samples", "direct_path", "message"),
+    [
+        (np.ones((2, 400)), "present", "=(2, 400): must be 3 channels of at least 1 samples"),
+        (np.full((3, 400), np.inf), "present", "=NaN or infinity: must be finite samples"),
+        (
+            np.eye(3, 400)[:, ::-1] * [[1], [0], [0]],
+            "present",
+            " channels=[2, 3]: must hold the di",
+        ),
+        (np.ones((3, 400)), "removed", " direct_path=removed: must be present; there is none to"),
+    ],
+)
+def test_a_calibration_that_does_not_fit_is_refused(
+    folder: Path, samples: Array, direct_path: str, message: str
+) -> None:
+    edit(folder, direct_path=direct_path)
+    (folder / "calibration.wav").write_bytes(wav_bytes(samples, 22050.0))
+    assert refusal(folder).startswith(f"{folder}/calibration.wav{message}")
+
+
+@pytest.mark.parametrize("name", ["noise.wav", "calibration.wav"])
+def test_what_may_be_beside_the_recordings_is_no_link(folder: Path, name: str) -> None:
+    (folder / name).symlink_to("/dev/zero")
+    assert refusal(folder) == f"{folder / name}=a link: must be a path inside the survey's folder"
