@@ -16,7 +16,7 @@ ROOM = Room((8.0, 6.0, 5.0), 0.6)
 @pytest.mark.parametrize("wall", range(4))
 def test_true_echoes_land_on_their_wall(wall: int) -> None:
     poses = trajectory(ROOM)
-    truths = [true_echoes(ROOM, pose, ARRAY) for pose in poses]
+    truths = [true_echoes(ROOM, pose, array=ARRAY) for pose in poses]
     toa, azimuth, elevation = np.array(
         [[t.toa[wall], t.azimuth[wall], t.elevation[wall]] for t in truths]
     ).T
@@ -70,10 +70,10 @@ def test_no_pose_gives_an_empty_map() -> None:
 @pytest.mark.parametrize(
     ("poses", "confidence", "message"),
     [
-        (1, None, r"^echoes.toa=shape \(2,\): one row for each of 1 poses"),
+        (1, None, r"^echoes.toa=shape \(2,\): must have one row for each of 1 poses"),
         (2, [0.5, 2.0], "from 0 to 1; was a logit given"),
         (2, [0.5, float("nan")], "from 0 to 1; was a logit given"),
-        (2, [0.5], "^confidence=1 values: one value for each of 2 echoes"),
+        (2, [0.5], "^confidence=1 values: must have one value for each of 2 echoes"),
     ],
 )
 def test_columns_that_do_not_belong_together_are_refused(

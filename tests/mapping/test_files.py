@@ -153,7 +153,7 @@ def test_rejected_echoes_and_ceilings_leave_the_grid_and_the_cloud_alone(walk: M
 
 def test_a_grid_beyond_reason_is_refused(walk: MappedWalk) -> None:
     poses = [Pose(pose.position * [1, 1e5, 1]) for pose in walk.poses]
-    with pytest.raises(BadValue, match="resolution=0.05 m: at most 16000000 cells; choose a larg"):
+    with pytest.raises(BadValue, match="resolution=0.05 m: must leave at most 16000000 cells; ch"):
         grid.write(replace(walk, poses=poses))
 
 

@@ -177,7 +177,6 @@ class Survey:
 
     def _read(self, name: str) -> Array:
         """Return the recording of a pose, shape (M, N)."""
-        check(inside(self.folder, name), f"{self.folder}/poses.csv file", name, allowed=INSIDE)
         path = self.folder / name
         shape = (len(self.array), self.probe.length)
         samples = audio.read_recording(path, self.probe.sample_rate, shape=shape)
@@ -225,6 +224,8 @@ def read_survey(folder: Path) -> Survey:
     check(present or not calibrated, name, "removed", allowed="must be present", hint=hint)
 
     numbers, poses, files = read_poses(folder / "poses.csv")
+    for file in files:
+        check(inside(folder, file), f"{folder}/poses.csv file", file, allowed=INSIDE)
     return Survey(
         folder=folder,
         probe=_read_probe(folder / "probe.wav", about["sample_rate"]),
