@@ -140,8 +140,8 @@ MISTAKES = """
 1 | verify . | .: not finished, or not made by echolearn: there is no manifest.json, metrics.json or
 2 | verify --foo | --foo: there is no such option; verify takes folders, ./--foo if it is one
 2 | verify . --foo | --foo: there is no such option
-1 | export run=nope | run=nope: a folder that echolearn train wrote; there is no such folder
-1 | export run=/dev/null | run=/dev/null: a folder that echolearn train wrote; it is a file
+1 | export run=nope | run=nope: must be a folder that echolearn train wrote; there is no such folder
+1 | export run=/dev/null | run=/dev/null: must be a folder that echolearn train wrote; it is a file
 1 | export best=runs/compare/paper | there is no such folder; make paper makes runs/compare/paper
 1 | survey runs=/dev/null | cannot be written (Not a directory); is the folder the right one?
 1 | generate runs=/dev/null plan=tiny | (Not a directory); is the folder the right one?
