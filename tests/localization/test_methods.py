@@ -52,7 +52,7 @@ def test_s_nls_is_least_squares_over_every_lag() -> None:
 
 
 def test_joint_is_the_loop_over_directions_microphones_and_lags() -> None:
-    """What noise does at the ends of the padded window is the largest difference, 5 % of the peak."""
+    """What noise does at the ends of the padded window is the largest difference, 5 % of it."""
     found = view(*NOISY).steered[:, :-1]
     coarse = Joint(azimuths=24, refine=False)(observed(PROBE, *NOISY))
     for row, y in enumerate(NOISY):
