@@ -23,7 +23,7 @@ from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.dataset.plans import GridPlan, ScatteredPlan, Spot
 from echolearn.dataset.records import labels as labels_of
 from echolearn.dataset.records import records
-from echolearn.localization import features
+from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, TENSORS
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
 from echolearn.runtime.engines.processes import Processes
@@ -160,7 +160,7 @@ def test_records_hold_columns_tensors_labels_and_context(plan):
     table = records(plan, range(2))
     context = {"snr_db", "gain_db", "t60", "room", "position", "heading", "group"}
     truth = {"reflector", "on_map", "truth_toa"}
-    assert set(table.dtype.names) == {*features.COLUMNS, *features.TENSORS, *context, *truth}
+    assert set(table.dtype.names) == {*COLUMNS, *TENSORS, *context, *truth}
     assert table["reflector"].dtype == table["on_map"].dtype == bool
     assert table["group"].dtype == np.int64
     assert not table.dtype.hasobject
@@ -476,7 +476,7 @@ def test_another_plan_is_another_folder(plan, tmp_path):
 def test_reading_gives_every_row_of_every_shard(finished, plan):
     table = Dataset(finished)
     assert (table.name, len(table)) == ("few", 18)
-    assert table["covariance"].shape == (18, features.COVARIANCE_BANDS, 36)
+    assert table["covariance"].shape == (18, COVARIANCE_BANDS, 36)
     assert table["group"].tolist() == [row // 3 for row in range(18)]
     assert np.array_equal(table["toa"][4:8], records(plan, range(4, 8))["toa"])
     assert np.array_equal(table["position"], np.repeat(plan.positions, 3, axis=0))

@@ -12,6 +12,7 @@ from echolearn.acoustics.types import Array, Echoes
 from echolearn.bench import equations
 from echolearn.localization import features
 from echolearn.localization.beamforming import azimuth_grid
+from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, TENSORS
 from echolearn.localization.faults import SilentMicrophone
 from echolearn.localization.localize import localize
 from echolearn.localization.localizer import Localizer
@@ -38,7 +39,8 @@ def estimated(*samples: Array, localizer: Localizer = GATED) -> tuple[MatchedFil
 
 
 def described(*samples: Array, localizer: Localizer = GATED) -> dict[str, Array]:
-    return features.describe(*estimated(*samples, localizer=localizer))
+    matched, echoes = estimated(*samples, localizer=localizer)
+    return features.describe([matched], echoes)
 
 
 class Case(NamedTuple):
@@ -55,28 +57,28 @@ class Case(NamedTuple):
 def case(request: pytest.FixtureRequest) -> Case:
     samples = wave(PROBE, 0.9, 180) + white(PROBE, request.param, 1)
     found = {name: column[0] for name, column in described(samples).items()}
-    tensors = {name: found.pop(name) for name in features.TENSORS}
+    tensors = {name: found.pop(name) for name in TENSORS}
     return Case(samples, found, tensors, round(found["toa"] * RATE), found["azimuth"])
 
 
 def test_every_column_and_tensor_is_there_and_no_other() -> None:
     columns = described(noisy(0.4, 0.1), noisy(-1.0, 3.0))
-    assert set(columns) == {*features.COLUMNS, *features.TENSORS}
-    for name in features.COLUMNS:
+    assert set(columns) == {*COLUMNS, *TENSORS}
+    for name in COLUMNS:
         assert columns[name].shape == (2,)
         assert columns[name].dtype == np.float64
-    for name in features.TENSORS:
-        assert columns[name].shape == (2, features.COVARIANCE_BANDS, 36)
+    for name in TENSORS:
+        assert columns[name].shape == (2, COVARIANCE_BANDS, 36)
         assert columns[name].dtype == np.float32
         assert np.allclose(columns[name][..., :6].sum(axis=-1), 6.0, atol=1e-4)
 
 
 def test_localize_gives_the_echoes_and_the_columns_that_are_asked_for() -> None:
     matched, echoes = estimated(noisy(0.4, 0.1))
-    everything = features.describe(replace(matched, azimuths=180), echoes)
+    everything = features.describe([replace(matched, azimuths=180)], echoes)
     found, some = localize(matched.observation, GATED, names=["coherence", "joint"])
     assert np.array_equal(found.toa, echoes.toa)
-    assert {"coherence", "joint"} <= set(some) <= set(everything) - {"power", *features.TENSORS}
+    assert {"coherence", "joint"} <= set(some) <= set(everything) - {"power", *TENSORS}
     for name, column in some.items():
         assert np.array_equal(column, everything[name]), name
 
@@ -184,9 +186,9 @@ def test_an_echo_looks_like_one_and_noise_does_not() -> None:
 
 def literal_tensor(spectra: Array) -> Array:
     """Return the packed band averages of spectra (M, F, T) by loops, shape (bands, 36)."""
-    bins, tensor = (spectra.shape[1] - 1) // features.COVARIANCE_BANDS, []
+    bins, tensor = (spectra.shape[1] - 1) // COVARIANCE_BANDS, []
     upper = [(p, q) for p in range(6) for q in range(p + 1, 6)]
-    for band in range(features.COVARIANCE_BANDS):
+    for band in range(COVARIANCE_BANDS):
         total = np.zeros((6, 6), dtype=complex)
         for bin_ in range(1 + band * bins, 1 + (band + 1) * bins):
             for frame in spectra[:, bin_].T:
@@ -239,5 +241,5 @@ def test_a_dead_microphone_has_finite_columns(dead: int, localizer: Localizer) -
 
 def test_an_echo_outside_the_window_is_taken_at_its_edge() -> None:
     matched, echoes = estimated(noisy(0.9, 0.1))
-    columns = features.describe(matched, replace(echoes, toa=np.array([[1.0]])))
+    columns = features.describe([matched], replace(echoes, toa=np.array([[1.0]])))
     assert all(np.isfinite(column).all() for column in columns.values())

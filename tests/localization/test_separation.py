@@ -86,7 +86,7 @@ def test_columns_of_each_echo_are_those_of_it_alone() -> None:
     def described(*waves: Wave) -> dict[str, Array]:
         batch = observed(PROBE, sum((wave(PROBE, *one) for one in waves), noise))
         echoes = Joint(WINDOW, echoes=len(waves))(batch)
-        return features.describe(MatchedFilter(batch, WINDOW), echoes)
+        return features.describe(separate(MatchedFilter(batch, WINDOW), echoes), echoes)
 
     together = described(*pair)
     assert all(len(column) == 2 for column in together.values())

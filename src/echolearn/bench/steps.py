@@ -19,6 +19,7 @@ from echolearn.dataset.plans import Plan
 from echolearn.dataset.records import records
 from echolearn.localization import beamforming, features
 from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.separation import separate
 from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant
 from echolearn.simulation.observe import add_noise
@@ -105,7 +106,8 @@ def estimating(plan: Plan, observation: Observation) -> Iterator[Step]:
 
     # A view keeps what it has computed, so each call gets a fresh one.
     def describe() -> object:
-        return features.describe(MatchedFilter(observation, plan.window), echoes)
+        view = MatchedFilter(observation, plan.window)
+        return features.describe(separate(view, echoes), echoes)
 
     yield "all features", describe, None
 

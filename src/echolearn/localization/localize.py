@@ -10,9 +10,11 @@ are described in this one.
 from collections.abc import Collection
 
 from echolearn.acoustics.types import Array, Echoes, Observation
-from echolearn.localization.features import COLUMNS, TENSORS, describe
+from echolearn.localization.columns import COLUMNS, TENSORS
+from echolearn.localization.features import describe
 from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.separation import separate
 
 
 def localize(
@@ -35,4 +37,5 @@ def localize(
     """
     view = MatchedFilter(observation, localizer.window)
     echoes = localizer(observation, view)
-    return echoes, describe(view, echoes, names=names)
+    # Of several echoes each is described as the others leave it.
+    return echoes, describe(separate(view, echoes), echoes, names=names)

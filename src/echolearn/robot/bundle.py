@@ -28,7 +28,8 @@ import numpy as np
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import BadValue, check
-from echolearn.localization import features, methods
+from echolearn.localization import methods
+from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, TENSORS, UNITS
 from echolearn.localization.localizer import Localizer
 from echolearn.robot import untrusted_files
 from echolearn.robot.schema import GOLDEN, LIMITS, upgraded
@@ -159,7 +160,7 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
 def _inputs(about: Mapping[str, Any], microphones: int) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """Return the names of what the model looks at, and the shape of one input."""
     tensor = about["view"] == "covariance"
-    known = features.TENSORS if tensor else features.COLUMNS
+    known = TENSORS if tensor else COLUMNS
     names = [column["name"] for column in about["columns"]]
     wrong = [name for name in names if name not in known]
     check(not wrong, "columns", wrong, allowed=f"must be some of {', '.join(known)}", hint=NEWER)
@@ -172,10 +173,10 @@ def _inputs(about: Mapping[str, Any], microphones: int) -> tuple[tuple[str, ...]
     )
 
     units = [column["unit"] for column in about["columns"]]
-    meant = [features.UNITS.get(name, "1") for name in names]
+    meant = [UNITS.get(name, "1") for name in names]
     check(units == meant, "columns", units, allowed=f"must be the units {meant}")
 
-    shape = [features.COVARIANCE_BANDS, microphones**2] if tensor else [len(names)]
+    shape = [COVARIANCE_BANDS, microphones**2] if tensor else [len(names)]
     given = about["input_shape"]
     check(given == shape, "input_shape", given, allowed=f"must be {shape}")
     return tuple(names), tuple(shape)

@@ -19,7 +19,7 @@ from echolearn.checks import (
     check_whole,
     nullable,
 )
-from echolearn.localization.features import COVARIANCE_BANDS
+from echolearn.localization.columns import COVARIANCE_BANDS
 from echolearn.storage import manifests
 
 SCHEMA = 3

@@ -23,7 +23,7 @@ from echolearn.checks import check
 from echolearn.classifiers.inputs import COVARIANCE, as_input, view_of
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics, stats
-from echolearn.localization import features
+from echolearn.localization.columns import COVARIANCE_BANDS, UNITS
 from echolearn.robot import bundle, schema
 from echolearn.storage.identity import KIND, plain
 from echolearn.survey import audio
@@ -57,7 +57,7 @@ def bundle_description(
     """
     shape = [len(run.inputs)]
     if view_of(run.inputs) == COVARIANCE:
-        shape = [features.COVARIANCE_BANDS, len(array) ** 2]
+        shape = [COVARIANCE_BANDS, len(array) ** 2]
     rows = run.metrics["rows"]["validation"]
     rule = f"largest balanced accuracy on {rows} validation rows; kept if confidence >= value"
     model = run.metrics["model"]
@@ -72,8 +72,8 @@ def bundle_description(
         "trained_on": run.model.training,
         "data": {"plan": dataset.name, "digest": dataset.digest, "rows": len(dataset)},
         "view": view_of(run.inputs),
-        "columns": [{"name": name, "unit": features.UNITS.get(name, "1")} for name in run.inputs],
-        "bands": features.COVARIANCE_BANDS,
+        "columns": [{"name": name, "unit": UNITS.get(name, "1")} for name in run.inputs],
+        "bands": COVARIANCE_BANDS,
         "input_shape": shape,
         "label": {"name": run.target, "true": schema.LABELS[run.target]},
         "threshold": {"value": run.threshold, "chosen": rule},

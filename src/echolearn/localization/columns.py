@@ -1,0 +1,57 @@
+"""What a classifier may use: named columns of an echo, and covariance tensors of its recording.
+
+Columns marked (g) change with the gain of the recording; the others are dimensionless.
+
+| column          | unit | meaning |
+|---|---|---|
+| toa             | s    | estimated time of arrival at microphone 1 |
+| score           | 1    | normalised correlation of microphone 1 with the probe at toa |
+| peak_to_rms     | 1    | r_1(toa) over the rms of r_1 in the search window |
+| second_to_first | 1    | second highest peak of r_1, at least 5 lags away, over r_1(toa) |
+| gain            | (g)  | amplitude of the echo (Eq. 11) |
+| gain_delay      | m (g)| 4 pi c toa gain: a wall's reflection coefficient if gains are known |
+| power           | dB(g)| whole-recording MPDR beam power, the paper's second feature (Eq. 16) |
+| power_ratio     | dB   | that power over its mean over azimuth |
+| coherence       | 1    | (sum_m a_m)^2 / (M sum_m a_m^2) of a_m = r_m(toa + eta_m(doa)) |
+| joint           | 1    | J(toa, doa) over the rms of J in the window |
+| joint_max       | 1    | maximum of J over the same rms |
+| joint_ratio     | 1    | J(toa, doa) over the maximum of J |
+| joint_score     | 1    | J(toa, doa) as a normalised correlation over all microphones |
+| joint_lag       | samples | |toa - time of the maximum of J| |
+| gated_ratio     | dB   | gated power at the doa over its mean over directions |
+| azimuth, elevation | rad | direction the localizer chose |
+| azimuth_mpdr    | rad  | direction of the whole-recording MPDR (the paper's) |
+
+Tensors are (COVARIANCE_BANDS, M*M) packed Hermitian matrices (`beamforming.pack_hermitian`),
+each band scaled to trace M: `covariance` of the whole recording, `covariance_gated` of the
+matched-filter outputs around the echo, `covariance_steered` the same after steering to the
+estimated direction, so that an echo from there is all ones whatever its direction.
+"""
+
+COVARIANCE_BANDS = 16
+"""Bands of frequencies in a covariance tensor."""
+
+UNITS = {
+    "toa": "s",
+    "score": "1",
+    "peak_to_rms": "1",
+    "second_to_first": "1",
+    "gain": "1",
+    "gain_delay": "m",
+    "power": "dB",
+    "power_ratio": "dB",
+    "coherence": "1",
+    "joint": "1",
+    "joint_max": "1",
+    "joint_ratio": "1",
+    "joint_score": "1",
+    "joint_lag": "samples",
+    "gated_ratio": "dB",
+    "azimuth": "rad",
+    "elevation": "rad",
+    "azimuth_mpdr": "rad",
+}
+"""Unit of each column."""
+
+COLUMNS = list(UNITS)
+TENSORS = ("covariance", "covariance_gated", "covariance_steered")
