@@ -8,7 +8,6 @@ A command receives plain containers, as `compose.compose` returns them; its docs
 
 import shlex
 from collections.abc import Callable
-from dataclasses import fields
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,6 +73,8 @@ def _compare(config: "Config") -> None:
 
 def _study(config: "Config") -> None:
     """Measure every localizer's accuracy against SNR, reverberation, rotor noise or faults."""
+    from dataclasses import fields
+
     from echolearn.studies.page import check_page, publish
     from echolearn.studies.run import run_study
     from echolearn.studies.study import Study
