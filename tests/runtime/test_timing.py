@@ -67,9 +67,10 @@ def test_the_first_call_is_not_timed() -> None:
 
 def test_what_is_quick_is_called_often_enough_for_the_clock() -> None:
     kept: list[str] = []
-    found = race({"quick": Contestant(noting("x", kept, 2e-4))}, laps=2)
-    assert len(kept) > 2 * 5
-    assert all(2e-4 <= lap.wall < 5e-3 for lap in found["quick"])
+    found = race({"quick": Contestant(noting("x", kept, 2e-4))}, laps=5)
+    assert len(kept) > 5 * 3
+    # A lap is that of one call; one of five is undisturbed even where others compute, too.
+    assert 2e-4 <= min(lap.wall for lap in found["quick"]) < 5e-3
 
 
 def test_a_race_ends_when_its_time_is_up_but_not_before_its_least_laps() -> None:
