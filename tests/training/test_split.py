@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from echolearn.checks import BadValue
+from echolearn.training.split import split_groups
 
 
 def test_the_papers_split_is_1591_to_398():

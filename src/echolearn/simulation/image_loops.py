@@ -45,8 +45,6 @@ STEPS = 1 << STEP_BITS
 BLOCK = 512
 """Samples of a response that stay in the processor's cache while all taps of q pass over them."""
 
-compiled: Any = njit(error_model="numpy", nogil=True)
-
 
 def responses(axes: tuple[Array, Array, Array], length: int, *, reach: float) -> Array:
     """Return the sums of g / d phi over all images within reach, shape (M, length), float32.
@@ -133,7 +131,7 @@ def _add_row(_: Any, grid: Any, at: Any, table: Any, row: Any, weight: Any, slop
     return types.void(grid, types.intp, table, types.intp, weight, slope), generate
 
 
-@compiled
+@njit(error_model="numpy", nogil=True)
 def _spread(grid: Any, axes: Any, table: Any, reach: Any) -> None:
     """Add psi to the grid for all images within `reach` of one microphone."""
     x, y, z = axes
@@ -158,7 +156,8 @@ def _spread(grid: Any, axes: Any, table: Any, reach: Any) -> None:
                 slope[k] = weight[k] * np.float32(delay * STEPS - steps[k])
             for k in range(count):
                 at = steps[k] >> STEP_BITS
-                _add_row(grid, at, table, steps[k] & (STEPS - 1), weight[k], slope[k])
+                row = steps[k] & (STEPS - 1)
+                _add_row(grid, at, table, row, weight[k], slope[k])  # type: ignore[call-arg]
 
 
 @njit(error_model="numpy", nogil=True, fastmath={"contract"})
@@ -180,7 +179,7 @@ def _filter_down(grid: Any, q: Any, response: Any) -> None:
                 block[n] += q[2 * j] * first[n] + q[2 * j + 1] * second[n]
 
 
-@compiled
+@njit(error_model="numpy", nogil=True)
 def _respond(response: Any, axes: Any, table: Any, q: Any, reach: Any) -> None:
     """Write the responses of all microphones; see `responses`."""
     x, y, z = axes
