@@ -5,7 +5,6 @@ Turning, delaying and convolving are done here once more, by hand; of the projec
 burst that the bundle wants and the path of the walk.
 """
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,15 +22,20 @@ from world import plans
 
 rir_generator = pytest.importorskip("rir_generator")
 
-RATE, LENGTH, HEARD = 44_100, 12_000, 7_000
-"""Hz, samples of a recording, samples of a response: what follows is 30 dB below."""
+RATE = 44_100
+LENGTH = 12_000
+"""Samples of a recording."""
 
-ROOM, T60 = (6.0, 5.0, 7.0), 0.3
-"""m, of which floor and ceiling are out of reach; s."""
+RESPONSE = 7_000
+"""Samples of a response: what follows is 30 dB below."""
+
+ROOM = (6.0, 5.0, 7.0)
+"""m, of which floor and ceiling are out of reach."""
+
+T60 = 0.3
 
 TURN = np.radians(-50.0)
 """How the array is mounted."""
-
 
 NAMES = np.random.default_rng(0).permutation(1000)
 """What poses are called."""
@@ -43,9 +47,8 @@ def turned(places: Array, angle: float) -> Array:
     return places @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
 
 
-MICROPHONES = turned(
-    np.array([[0.2 * np.cos(a), 0.2 * np.sin(a), 0] for a in np.arange(6) * np.pi / 3]), TURN
-)
+ANGLES = np.arange(6) * np.pi / 3
+MICROPHONES = turned(0.2 * np.stack([np.cos(ANGLES), np.sin(ANGLES), 0 * ANGLES], axis=1), TURN)
 """In the robot's frame, m."""
 
 
@@ -55,75 +58,48 @@ def burst() -> Array:
     return np.fft.irfft(np.fft.rfft(samples, 2048), 4096)[: 2 * len(samples)] * 2
 
 
-def response(pose: Pose, *, order: int) -> Array:
-    """Return the responses from the loudspeaker to the microphones, shape (6, HEARD); of order 0 in
-    free space."""
+def received(emitted: Array, pose: Pose, *, order: int) -> Array:
+    """Return what arrives of a burst at the microphones, (6, LENGTH); of order 0 in free space."""
     places = turned(MICROPHONES, pose.heading) + pose.position
-    about = {
-        "c": 343.0,
-        "fs": RATE,
-        "r": places,
-        "s": pose.position,
-        "L": list(ROOM),
-        "nsample": HEARD,
-    }
-    return rir_generator.generate(**about, reverberation_time=T60, order=order, hp_filter=False).T
-
-
-def played(emitted: Array, responses: Array) -> Array:
-    """Return what arrives of a burst by responses (M, K), shape (M, LENGTH)."""
-    arrived = fftconvolve(responses, emitted[None], axes=1)[:, :LENGTH]
+    about = {"c": 343.0, "fs": RATE, "r": places, "s": pose.position, "L": [*ROOM]}
+    responses = rir_generator.generate(
+        **about, nsample=RESPONSE, reverberation_time=T60, order=order, hp_filter=False
+    )
+    arrived = fftconvolve(responses.T, emitted[None], axes=1)[:, :LENGTH]
     return np.pad(arrived, ((0, 0), (0, LENGTH - arrived.shape[1])))
 
 
 def record(folder: Path, poses: Sequence[Pose], *, snr_db: float) -> None:
-    """Write a survey of what the microphones hear, noise at an SNR below the echoes; the loudest
-    sample is 0.9."""
+    """Write a survey, its noise at an SNR below the echoes; the loudest sample is 0.9."""
     (folder / "observations").mkdir(parents=True)
-    emitted, lines = burst(), ["index,x_m,y_m,z_m,heading_rad,file"]
+    emitted = burst()
+    lines = ["index,x_m,y_m,z_m,heading_rad,file"]
     for index, pose in enumerate(poses):
-        heard, direct = (played(emitted, response(pose, order=order)) for order in (-1, 0))
-        noise = np.random.default_rng(index).standard_normal(heard.shape)
-        noise *= np.sqrt(np.mean((heard - direct) ** 2) / 10 ** (snr_db / 10))
-        samples = heard + noise
+        samples, direct = (received(emitted, pose, order=order) for order in (-1, 0))
+        noise = np.random.default_rng(index).standard_normal(samples.shape)
+        noise *= np.sqrt(np.mean((samples - direct) ** 2) / 10 ** (snr_db / 10))
+        samples = samples + noise
         whole = np.rint(samples.T * (0.9 * 32767 / np.abs(samples).max())).astype(np.int16)
-        wavfile.write(folder / f"observations/{index}.wav", RATE, whole)
-        lines.append(
-            ",".join(
-                map(str, [NAMES[index], *pose.position, pose.heading, f"observations/{index}.wav"])
-            )
-        )
-    (folder / "poses.csv").write_text("\n".join(lines) + "\n")
-    wavfile.write(
-        folder / "probe.wav", RATE, np.pad(emitted, (0, LENGTH - len(emitted))).astype(np.float32)
-    )
+        name = f"observations/{index}.wav"
+        wavfile.write(folder / name, RATE, whole)
+        lines.append(",".join(map(str, [NAMES[index], *pose.position, pose.heading, name])))
+    (folder / "poses.csv").write_text("\n".join(lines))
+    padded = np.pad(emitted, (0, LENGTH - len(emitted))).astype(np.float32)
+    wavfile.write(folder / "probe.wav", RATE, padded)
     about = {"sample_rate": RATE, "speed_of_sound": 343.0, "microphones": MICROPHONES.tolist()}
     about |= {"loudspeaker": [0.0, 0.0, 0.0], "direct_path": "present"}
     (folder / "survey.yaml").write_text(yaml.safe_dump(about))
 
 
-def rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / "map.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def kept(folder: Path) -> Array:
-    """Return how far the kept points of a map are from the nearest wall, in m."""
-    x, y = np.array(
-        [(float(row["x_m"]), float(row["y_m"])) for row in rows(folder) if row["kept"] == "1"]
-    ).T
-    gaps: Array = np.abs([x, y, ROOM[0] - x, ROOM[1] - y])
-    return gaps.min(axis=0)
-
-
 def test_another_simulators_survey_is_mapped(packed: Path, tmp_path: Path) -> None:
-    """Twelve places along the walls, one echo each, at 10 dB: nearly all that is kept lies on a
-    wall."""
+    """Twelve places along the walls, one echo each, at 10 dB: nearly all that is kept is on one."""
     record(tmp_path / "walk", trajectory(Room(ROOM, T60), poses=60)[:24:2], snr_db=10.0)
     with pytest.raises(BadValue, match="resample with `echolearn map resample=true`"):
         map_survey(survey=tmp_path / "walk", bundle=packed, runs=tmp_path)
     made = map_survey(survey=tmp_path / "walk", bundle=packed, runs=tmp_path, resample=True)
-    off = kept(made)
-    assert [int(row["index"]) for row in rows(made)] == NAMES[:12].tolist()
+    table = np.genfromtxt(made / "map.csv", delimiter=",", names=True)
+    assert table["index"].tolist() == NAMES[:12].tolist()
+    x, y = (table[name][table["kept"] == 1] for name in ("x_m", "y_m"))
+    off = np.abs([x, y, ROOM[0] - x, ROOM[1] - y]).min(axis=0)
     assert len(off) >= 9
     assert np.mean(off <= 0.10) >= 0.9 and np.median(off) < 0.02

@@ -16,23 +16,19 @@ import yaml
 from scipy.io import wavfile
 
 from by_hand import edit
-from echolearn.acoustics.geometry import circular_array, distance_to_outline, outline
-from echolearn.acoustics.types import Array, Pose, Probe, Room
+from echolearn.acoustics.geometry import distance_to_outline, outline
+from echolearn.acoustics.types import Array, Pose
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
 from echolearn.evaluation.metrics import MAP_TOLERANCE
 from echolearn.mapping.mapped_walk import BAG
 from echolearn.robot.scorer import load
 from echolearn.robot.survey_map import map_survey, score_survey
-from echolearn.simulation.noise.white import White
 from echolearn.simulation.rir.images import Images
-from echolearn.simulation.rir.pyroom import Pyroom
 from echolearn.simulation.scene import Scene
-from echolearn.simulation.walk import trajectory
 from echolearn.survey import audio, reader
-from echolearn.survey.description import description_bytes
 from echolearn.survey.poses import poses_csv
-from world import HALL, POSES, World, coming_second, plans
+from world import HALL, POSES, World, coming_second
 
 FILES = ["manifest.json", "map.csv", "map.pgm", "map.ply", "map.svg", "map.yaml", "walls.csv"]
 Make = Callable[..., Path]
@@ -240,38 +236,6 @@ def test_the_way_to_remove_the_direct_path_is_chosen(
 
     assert min(true(first), true(fitted)) > true(removed) - 0.05
     assert true(chosen["analytic"]) < true(first) / 2
-
-
-def test_another_simulator_at_another_rate_with_a_turned_array_is_mapped(
-    made: Make, tmp_path: Path
-) -> None:
-    """By pyroomacoustics at 44.1 kHz, int16, direct path present, the array turned; 20 dB."""
-    tower = Room((6.0, 5.0, 7.0), 0.25)  # its floor and ceiling are out of reach
-    burst = plans()[0].scene.probe.samples
-    # Twice the rate by zeros in the spectrum.
-    fine = np.fft.irfft(np.fft.rfft(burst, 2048), 4096)[: 2 * len(burst)] * 2
-    array, probe = circular_array(offset=np.pi / 6), Probe(fine, 44100.0, 12000)
-    scene, walk = Scene(array, probe, Pyroom(), White()), tmp_path / "tower"
-    poses = trajectory(tower, poses=60)[:24]  # along the walls
-    walk.mkdir()
-    names = [f"{index}.wav" for index in range(len(poses))]
-    for index, pose in enumerate(poses):
-        received = scene.received(tower, pose)
-        noise = np.random.default_rng(index).standard_normal(received.shape)
-        samples = 0.05 * (received + noise * np.sqrt(np.mean(received**2) / 100))
-        wavfile.write(walk / names[index], 44100, np.rint(samples.T * 32767).astype(np.int16))
-    padded = np.pad(fine, (0, 12000 - len(fine)))
-    (walk / "probe.wav").write_bytes(audio.wav_bytes(padded, 44100))
-    (walk / "poses.csv").write_bytes(poses_csv(poses, names))
-    corners = outline(tower)
-    text = description_bytes(array, probe, speed_of_sound=343.0, walls=corners, conditions={})
-    (walk / "survey.yaml").write_bytes(text)
-    edit(walk, direct_path="present")
-    with pytest.raises(BadValue, match="resample with `echolearn map resample=true`"):
-        made(survey=walk)
-    found = points(made(survey=walk, resample=True))
-    true, kept = on_walls(found, corners), found[:, 3] == 1
-    assert true.mean() > 0.8 and kept.sum() >= 12 and true[kept].mean() >= 0.9
 
 
 # ---------------------------------------------------------------- what does not fit

@@ -124,7 +124,7 @@ def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
         table.fieldnames = columns
         for row in table:
             name = f"{path} row {table.line_num}"
-            beyond = row.pop(None, [])  # type: ignore[call-overload]
+            beyond = row.pop(None, [])
             count = f"{len(columns) + len(beyond)} cells"
             check(
                 not any(beyond), name, count, allowed=f"must be {len(columns)} cells", hint=BY_POINT

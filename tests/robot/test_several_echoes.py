@@ -1,0 +1,68 @@
+"""Several echoes on the robot: what the laboratory finds, and every one of them evaluated."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from echolearn.acoustics.geometry import SearchWindow, outline
+from echolearn.comparison.evaluate import evaluate_survey
+from echolearn.comparison.localized import localize_survey
+from echolearn.localization.methods.gated import Gated
+from echolearn.robot.scorer import load
+from echolearn.survey import reader
+from echolearn.training.predictions import predict
+from echolearn.training.runs import Run, load_runs
+from world import HALL, POSES, World, pack, plans, train, write_set
+
+WINDOW = SearchWindow()
+
+
+@pytest.fixture(scope="module")
+def pairs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Run]:
+    """Return a folder with a set of two echoes a pose, and a classifier trained on it."""
+    runs = tmp_path_factory.mktemp("pairs")
+    plan = replace(plans()[1], localizer=Gated(WINDOW, 36, echoes=2))
+    train(write_set(plan, runs), "trees_features", seed=0, runs=runs)
+    [run] = load_runs(runs)
+    return runs, run
+
+
+def test_the_robot_finds_what_the_laboratory_finds(
+    pairs: tuple[Path, Run], world: World, tmp_path: Path
+) -> None:
+    runs, run = pairs
+    scorer = load(pack(replace(world, runs=runs), "trees_features", tmp_path))
+    assert scorer.bundle.localizer.echoes == 2
+    folder = world.runs / "survey" / "hall_0dB"
+    walk = reader.read_survey(folder)
+    expected = localize_survey(folder, scorer.bundle.localizer, name="two", resamples=9)
+    found = scorer.score(walk.observe(range(POSES)), walk.poses)
+    assert found.map.points.shape == (2 * POSES, 2) and found.echoes.toa.shape == (POSES, 2)
+    assert np.abs(found.map.points - expected.points).max() <= 1e-5
+    assert np.abs(found.map.confidence - predict(run, expected.columns)).max() <= 1e-5
+    assert np.array_equal(expected.labelled.groups, np.repeat(np.arange(POSES), 2))
+    single = localize_survey(folder, Gated(WINDOW, 36), name="one", resamples=9)
+    assert expected.labelled.reference.sum() > 1.1 * single.labelled.reference.sum(), (
+        "corners have two walls"
+    )
+    assert 0 < found.map.kept.sum() < 2 * POSES
+
+
+def test_a_comparison_evaluates_every_echo(pairs: tuple[Path, Run], world: World) -> None:
+    _, run = pairs
+    found = evaluate_survey(
+        {run.model: [run]},
+        world.runs / "survey" / "hall_0dB",
+        localizer=Gated(WINDOW, 36, echoes=2),
+        name="two",
+        paired=False,
+        resamples=20,
+    )
+    assert {row["n"] for row in found.rows} == {2 * POSES}
+    [coverage] = [
+        r for r in found.rows if (r["classifier"], r["metric"]) == ("oracle", "wall_coverage")
+    ]
+    assert 0.5 < coverage["value"] <= 1.0
+    assert found.survey and np.array_equal(found.survey.corners, outline(HALL))
