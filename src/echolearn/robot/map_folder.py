@@ -49,6 +49,11 @@ def finished_map(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | No
 def write_map(folder: Path, files: Files, *, about: Mapping[str, Any]) -> dict[str, Any]:
     """Write a map in place of the one before, and return its manifest.
 
+    Args:
+        folder: where it goes.
+        files: contents by name.
+        about: what its manifest says besides.
+
     Raises:
         BadValue: something is in the way of one of its files; nothing is written then.
     """

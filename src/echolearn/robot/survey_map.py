@@ -6,7 +6,7 @@ one is not made again.
 """
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -46,7 +46,7 @@ def map_survey(
     ros: bool = False,
     command: str | None = None,
 ) -> Path:
-    """Map a recorded survey, and print what the map is worth where the room's outline is known.
+    """Map a recorded survey, print what the map is worth, and return its folder.
 
     Args:
         survey: folder in the recorded-survey format.
@@ -60,12 +60,8 @@ def map_survey(
         ros: also write a bag for ROS 2.
         command: what makes the map again; None says nothing about it.
 
-    Returns:
-        The map's folder.
-
     Raises:
-        BadValue: a survey or bundle that is missing, damaged or not allowed, or that do not fit
-            each other; or `ros` where no bag can be written.
+        BadValue: a survey or bundle that is not allowed, or that do not fit each other.
     """
     writers = _writers(ros)
     check_number("resolution", resolution, low=0.005, high=1.0, unit="m")
@@ -73,11 +69,8 @@ def map_survey(
     check_name("name", name)
     scorer = load(bundle)
     walk = open_survey(Path(survey), scorer.bundle, resample=resample, direct=direct)
-    inputs = {"bundle": scorer.bundle.about["sha256"], "survey": _fingerprint(walk)}
-    inputs |= {"resolution": float(resolution)}
-    # What was not asked for is not named, so that maps of before keep their identity.
-    inputs |= {} if direct is None else {"direct": direct}
-    inputs |= {"ros": True} if ros else {}
+    asked = {"direct": direct, "ros": ros or None, "resolution": float(resolution)}
+    inputs = _identity(scorer.bundle, walk, asked)
     folder = Path(runs) / "maps" / name
 
     def make() -> dict[str, Any]:
@@ -86,10 +79,8 @@ def map_survey(
         about = describe_map(mapped) | {"inputs": inputs} | manifests.command_entry(command)
         return write_map(folder, files, about=about)
 
-    about = once(
-        folder, finished=partial(finished_map, folder, inputs), make=make, doing="writes it"
-    )
-    report(about)
+    finished = partial(finished_map, folder, inputs)
+    report(once(folder, finished=finished, make=make, doing="writes it"))
     return folder
 
 
@@ -145,8 +136,14 @@ def _check_removal(walk: Survey, direct: str) -> None:
     check(recorded, "direct", direct, allowed="must be fitted or analytic", hint=hint)
 
 
-def _fingerprint(walk: Survey) -> str:
-    """Return the digest of all files of a survey that a map depends on."""
+def _identity(bundle: Bundle, walk: Survey, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a map is made from: the bundle, all files of the survey, and what was asked for.
+
+    Args:
+        bundle: what scores the echoes.
+        walk: what is mapped.
+        asked: keys of the command, None where a key was not given.
+    """
     sums = hashlib.sha256()
     for name in used(walk):
         path = walk.folder / name
@@ -154,7 +151,9 @@ def _fingerprint(walk: Survey) -> str:
         # What is missing is named when it is read.
         if path.is_file():
             sums.update(f"{name} {sha256(path)}\n".encode())
-    return sums.hexdigest()
+    # What was not asked for is not named, so that maps of before keep their identity.
+    given = {key: value for key, value in asked.items() if value is not None}
+    return given | {"bundle": bundle.about["sha256"], "survey": sums.hexdigest()}
 
 
 def score_survey(scorer: Scorer, walk: Survey, *, resolution: float = 0.05) -> MappedWalk:
