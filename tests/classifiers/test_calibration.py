@@ -6,21 +6,21 @@ import pytest
 from echolearn.classifiers.calibration import best_threshold, platt
 
 
-def test_recovers_the_logistic_it_was_drawn_from() -> None:
+def test_recovers_the_logistic_it_was_drawn_from():
     rng = np.random.default_rng(0)
     decision = rng.normal(3.0, 2.0, 20_000)
     y = rng.random(20_000) < 1 / (1 + np.exp(-(1.5 * decision - 4.0)))
     np.testing.assert_allclose(platt(decision, y), (1.5, -4.0), rtol=0.05)
 
 
-def test_keeps_the_order_whatever_the_labels_say() -> None:
+def test_keeps_the_order_whatever_the_labels_say():
     decision = np.linspace(-50, 50, 201)
     for y in (decision > 0, decision < 0, np.arange(201) % 2 == 0):
         slope, intercept = platt(decision, y)
         assert slope > 0 and np.isfinite(intercept)
 
 
-def test_survives_perfect_separation_and_constants() -> None:
+def test_survives_perfect_separation_and_constants():
     y = np.arange(40) < 10
     slope, _ = platt(np.where(y, 1.0, -1.0), y)
     assert 0 < slope < 10
@@ -28,7 +28,7 @@ def test_survives_perfect_separation_and_constants() -> None:
     assert 1 / (1 + np.exp(-(slope * 1e6 / 3 + intercept))) == pytest.approx(0.25, abs=0.03)
 
 
-def test_threshold_by_hand() -> None:
+def test_threshold_by_hand():
     confidence = np.array([0.1, 0.2, 0.35, 0.6, 0.8, 0.9])
     assert best_threshold(confidence, np.array([0, 0, 0, 1, 1, 1])) == pytest.approx(0.475)
     assert best_threshold(confidence, np.array([0, 1, 0, 0, 1, 1])) == pytest.approx(0.7)

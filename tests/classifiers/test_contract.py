@@ -83,7 +83,7 @@ def exported(calibrated: Calibrated) -> onnx_export.ProvedModel:
     return onnx_export.export_proved(calibrated, x)
 
 
-def test_the_configurations_of_the_plan_are_there() -> None:
+def test_the_configurations_of_the_plan_are_there():
     columns = {
         "svm_pair": ["toa", "power"],
         "svm_score_power": ["score", "power"],
@@ -97,23 +97,21 @@ def test_the_configurations_of_the_plan_are_there() -> None:
     assert tensors == {"covariance", "covariance_gated", "covariance_steered"}
 
 
-def test_configuration_is_a_call_that_can_be_made_as_it_stands(name: str) -> None:
+def test_configuration_is_a_call_that_can_be_made_as_it_stands(name):
     text = (config.folder() / "classifier" / f"{name}.yaml").read_text()
     assert text.startswith("_target_: echolearn.classifiers.methods.")
     view = "covariance" if "covnet" in name else "features"
     assert view_of(config.build(plain(name)).inputs) == view
 
 
-def test_separates_unseen_rows(fitted: Any) -> None:
+def test_separates_unseen_rows(fitted):
     x, y = problem(fitted.inputs, rows=300, seed=2)
     decision = fitted.decision(x)
     assert decision.shape == (300,) and decision.dtype == np.float64
     assert auc(y, decision) > 0.9
 
 
-def test_same_seed_same_file(
-    name: str, calibrated: Calibrated, exported: onnx_export.ProvedModel, tmp_path: Path
-) -> None:
+def test_same_seed_same_file(name, calibrated, exported, tmp_path):
     """Equal classifiers give equal bytes, and leave the global random states alone."""
     before = (torch.get_rng_state(), np.random.get_state()[1].copy())
     again = learn(quick(name), tmp_path)
@@ -125,9 +123,7 @@ def test_same_seed_same_file(
     assert onnx_export.to_onnx(module, shape=x.shape[1:]) == exported.data
 
 
-def test_file_computes_the_same_confidences(
-    calibrated: Calibrated, exported: onnx_export.ProvedModel
-) -> None:
+def test_file_computes_the_same_confidences(calibrated, exported):
     assert exported.trials >= 10_000 and exported.parity <= 1e-5
     x = problem(calibrated.classifier.inputs, rows=5000, seed=5)[0]
     x = np.concatenate([x, *onnx_export.strange(x, 5000)])
@@ -138,7 +134,7 @@ def test_file_computes_the_same_confidences(
     assert np.isfinite(difference).all() and difference.max() <= 1e-5
 
 
-def test_any_batch(fitted: Any, exported: onnx_export.ProvedModel) -> None:
+def test_any_batch(fitted, exported):
     x = problem(fitted.inputs, rows=inference.BLOCK + 1, seed=6)[0]
     score = inference.open_onnx(exported.data)
     whole = score(x)
@@ -147,7 +143,7 @@ def test_any_batch(fitted: Any, exported: onnx_export.ProvedModel) -> None:
     np.testing.assert_allclose(parts, whole[:8], atol=1e-6)
 
 
-def test_file_holds_plain_operations_and_no_traces(exported: onnx_export.ProvedModel) -> None:
+def test_file_holds_plain_operations_and_no_traces(exported):
     """Whatever reads operator set 13 reads it: one file, ONNX's own operators, no paths."""
     model = onnx.load_from_string(exported.data)
     onnx.checker.check_model(model, full_check=True)
@@ -159,20 +155,20 @@ def test_file_holds_plain_operations_and_no_traces(exported: onnx_export.ProvedM
     assert not model.producer_version and b".py" not in exported.data
 
 
-def test_leaves_nothing_that_needs_unpickling(fitted: Any, folder: Path) -> None:
+def test_leaves_nothing_that_needs_unpickling(fitted, folder):
     for path in (path for path in folder.rglob("*") if path.is_file()):
         assert path.suffix in (".csv", ".yaml", ".ckpt") or "tfevents" in path.name
         if path.suffix == ".ckpt":
             torch.load(path, weights_only=True)
 
 
-def test_float64_inputs_are_rounded_first(fitted: Any) -> None:
+def test_float64_inputs_are_rounded_first(fitted):
     x = problem(fitted.inputs, rows=40, seed=7)[0]
     near = x.astype(float) * (1 + 1e-9)
     np.testing.assert_array_equal(fitted.decision(near), fitted.decision(x))
 
 
-def test_what_cannot_be_learned_from_is_refused(name: str, fitted: Any, tmp_path: Path) -> None:
+def test_what_cannot_be_learned_from_is_refused(name, fitted, tmp_path):
     x, y = problem(fitted.inputs, rows=60, seed=7)
     ones = np.ones_like(y)
     given = {"groups": np.arange(60), "validation": (x, y), "folder": tmp_path, "seed": 0}

@@ -41,7 +41,7 @@ def fit(tmp_path: Path) -> Fit:
 
 class TestThreshold:
     @pytest.mark.parametrize("sign", [1.0, -1.0])
-    def test_ranks_as_the_column_does(self, sign: float, fit: Fit) -> None:
+    def test_ranks_as_the_column_does(self, sign, fit):
         rng = np.random.default_rng(0)
         y = rng.random(200) < 0.5
         x = (rng.normal(size=200) + 2.2 * y)[:, None].astype(np.float32)
@@ -60,7 +60,7 @@ class TestSvm:
     def svm(c_grid: list[float], gamma_grid: list[float], **given: Any) -> Svm:
         return Svm(["toa", "power"], c_grid=c_grid, gamma_grid=gamma_grid, **given)
 
-    def test_is_scikit_learns(self, fit: Fit) -> None:
+    def test_is_scikit_learns(self, fit):
         x, y = self.ring(300, 0)
         new, _ = self.ring(100, 1)
         model = fit(self.svm([3.0], [0.7]), x, y)
@@ -70,7 +70,7 @@ class TestSvm:
         scored = model.scorer()(torch.from_numpy(new)).numpy()
         np.testing.assert_allclose(scored, expected, atol=1e-9)
 
-    def test_search_is_scikit_learns(self) -> None:
+    def test_search_is_scikit_learns(self):
         x, y = self.ring(240, 0)
         groups = np.arange(240) // 2
         model = self.svm([0.1, 1.0], [0.05, 0.5, 5.0])
@@ -85,7 +85,7 @@ class TestSvm:
         assert found["auc"] == pytest.approx(search.best_score_, abs=1e-6)
         assert found["auc_sd"] == pytest.approx(spread, abs=1e-6)
 
-    def test_a_large_set_is_fitted_in_part(self, fit: Fit) -> None:
+    def test_a_large_set_is_fitted_in_part(self, fit):
         x, y = self.ring(300, 0)
         groups = np.arange(300) // 3
         model = self.svm([1.0], [0.5], search_rows=60, fit_rows=120)
@@ -98,11 +98,11 @@ class TestSvm:
         fit(part, x[rows], y[rows], groups=groups[rows], seed=5)
         np.testing.assert_array_equal(model.decision(x), part.decision(x))
 
-    def test_search_finds_the_kernel_width(self, fit: Fit) -> None:
+    def test_search_finds_the_kernel_width(self, fit):
         found = fit(self.svm([1.0], [1e-4, 1.0, 1e4]), *self.ring(300, 0)).cross_validation
         assert found["gamma"] == 1.0 and found["auc"] > 0.95
 
-    def test_folds_keep_positions_together(self, fit: Fit) -> None:
+    def test_folds_keep_positions_together(self, fit):
         """Labels at random by position: only copies in other folds could predict them."""
         rng = np.random.default_rng(0)
         x = np.repeat(rng.normal(size=(60, 2)), 5, axis=0)
@@ -111,7 +111,7 @@ class TestSvm:
         apart = fit(model, x, y, groups=np.repeat(np.arange(60), 5)).cross_validation
         assert apart["auc"] < 0.7 and fit(model, x, y).cross_validation["auc"] > 0.95
 
-    def test_search_rows_are_whole_positions(self) -> None:
+    def test_search_rows_are_whole_positions(self):
         groups = np.repeat(np.arange(100), 7)
         rows = some_positions(groups, rows=140, seed=0)
         assert len(rows) == 140 and len(np.unique(groups[rows])) == 20
@@ -119,7 +119,7 @@ class TestSvm:
 
 
 class TestTrees:
-    def test_scorer_is_scikit_learns_raw_prediction(self, fit: Fit) -> None:
+    def test_scorer_is_scikit_learns_raw_prediction(self, fit):
         rng = np.random.default_rng(0)
         x = rng.normal(size=(600, 3)).astype(np.float32)
         y = (x[:, 0] * x[:, 1] > 0) ^ (rng.random(600) < 0.05)
@@ -131,7 +131,7 @@ class TestTrees:
         np.testing.assert_allclose(scored, raw, atol=1e-12)
         assert auc(y, model.decision(x)) > 0.9
 
-    def test_a_forest_of_stumps_and_single_leaves(self, fit: Fit) -> None:
+    def test_a_forest_of_stumps_and_single_leaves(self, fit):
         x = np.random.default_rng(0).normal(size=(30, 1)).astype(np.float32)
         y = x[:, 0] > 0
         fitted = calibrate(fit(Trees(["a"], min_leaf=20), x, y), x, y)
@@ -146,9 +146,7 @@ class TestNetwork:
         return x, x[:, 0] * x[:, 1] > 0
 
     @pytest.mark.parametrize("accelerator", accelerators())
-    def test_learns_what_no_line_can_wherever_it_is_trained(
-        self, accelerator: str, fit: Fit
-    ) -> None:
+    def test_learns_what_no_line_can_wherever_it_is_trained(self, accelerator, fit):
         settings = {"epochs": 40, "lr": 0.02, "batch_size": 64, "accelerator": accelerator}
         net = Network(["a", "b"], Mlp(widths=[32]), **settings)
         fit(net, *self.xor(500, 0), validation=self.xor(200, 1))
@@ -157,16 +155,14 @@ class TestNetwork:
         assert net.device == "cpu" or accelerator != "cpu"
         assert {value.device.type for value in net.scorer().state_dict().values()} == {"cpu"}
 
-    def test_an_accelerator_that_is_not_there_is_one_line(
-        self, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_an_accelerator_that_is_not_there_is_one_line(self, monkeypatch):
         monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
         monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
         said = "^classifier.accelerator=gpu: must be what this machine has: cpu, auto$"
         with pytest.raises(BadValue, match=said):
             Network(["a"], Mlp(), accelerator="gpu")
 
-    def test_stops_early_and_keeps_the_best_epoch(self, fit: Fit, tmp_path: Path) -> None:
+    def test_stops_early_and_keeps_the_best_epoch(self, fit, tmp_path):
         """Pure noise: the validation loss can only rise, so the best epoch is an early one."""
         rng = np.random.default_rng(0)
         x, new = rng.normal(size=(2, 100, 5)).astype(np.float32)
@@ -181,18 +177,18 @@ class TestNetwork:
         loss = np.mean(np.logaddexp(0, decision) - truth * decision)
         assert loss == pytest.approx(losses.min(), rel=1e-4)
 
-    def test_covariance_net_takes_any_number_of_bands(self) -> None:
+    def test_covariance_net_takes_any_number_of_bands(self):
         for shape in [(1, 4), (16, 36), (3, 9)]:
             assert CovarianceNet(channels=4)(shape)(torch.zeros(5, *shape)).shape == (5,)
 
-    def test_standardise_bounds_the_tails(self) -> None:
+    def test_standardise_bounds_the_tails(self):
         x = np.random.default_rng(0).standard_cauchy((2000, 2)) * [1e-3, 1e3]
         z = Standardise(x)(torch.from_numpy(x.astype(np.float32))).numpy()
         np.testing.assert_allclose([z.mean(axis=0), z.std(axis=0)], [[0, 0], [1, 1]], atol=1e-4)
         assert np.abs(z).max() < 20
         assert (np.diff(z[np.argsort(x[:, 0])[20:-20], 0]) > 0).all()
 
-    def test_a_constant_column_is_harmless(self) -> None:
+    def test_a_constant_column_is_harmless(self):
         assert torch.isfinite(Standardise(np.ones((10, 3)))(torch.full((2, 3), 7.0))).all()
 
 
@@ -224,12 +220,12 @@ BAD = {
 
 
 @pytest.mark.parametrize("part", BAD)
-def test_bad_arguments_are_named_in_one_line(part: str) -> None:
+def test_bad_arguments_are_named_in_one_line(part):
     with pytest.raises(BadValue) as caught:
         BAD[part]()
     assert part in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_as_input_names_the_column() -> None:
+def test_as_input_names_the_column():
     with pytest.raises(BadValue, match="power=nan in row 1"):
         as_input(np.array([[1.0, 2.0], [3.0, np.nan]]), ["toa", "power"])

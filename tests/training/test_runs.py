@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from echolearn.checks import BadValue
-from echolearn.comparison.choice import Comparison
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics
 from echolearn.evaluation.rows import Recordings
@@ -36,12 +35,8 @@ def runs(world: World) -> list[Run]:
 def pick(runs: list[Run]) -> Pick:
     """Return the one run of a classifier, set and seed."""
 
-    def find(classifier: str, plan: str, seed: int = 0) -> Run:
-        wanted = (classifier, plan, seed)
-        [run] = [run for run in runs if (run.classifier, run.plan, run.seed) == wanted]
-        return run
-
-    return find
+    known = {(run.model.classifier, run.model.trained_on, run.seed): run for run in runs}
+    return lambda classifier, plan, seed=0: known[classifier, plan, seed]
 
 
 def copied(run: Run, runs: Path, *, name: str = "", **changes: object) -> Path:
@@ -52,25 +47,22 @@ def copied(run: Run, runs: Path, *, name: str = "", **changes: object) -> Path:
     return folder
 
 
-def test_every_finished_run_is_found_in_order(runs: list[Run]) -> None:
-    found = [(run.classifier, run.plan, run.seed) for run in runs]
+def test_every_finished_run_is_found_in_order(runs):
+    found = [(run.model.classifier, run.model.trained_on, run.seed) for run in runs]
     expected = {(name, plan, seed) for plan, seed, names in TRAINED for name in names}
     assert set(found) == expected and len(found) == len(expected)
     assert [run.identity for run in runs] == sorted(run.identity for run in runs)
 
 
-def test_what_a_run_is_stands_in_its_metrics(runs: list[Run]) -> None:
-    assert {(run.classifier, run.method, run.role) for run in runs} == {
-        ("svm_pair", "svm", "learned"),
-        ("threshold_peak", "threshold", "baseline"),
-        ("trees_features", "trees", "learned"),
+def test_what_a_run_is_stands_in_its_metrics(runs):
+    assert {(run.model.classifier, *run.model[2:]) for run in runs} == {
+        ("svm_pair", "learned", "svm", "position", "reflector"),
+        ("threshold_peak", "baseline", "threshold", "position", "reflector"),
+        ("trees_features", "learned", "trees", "position", "reflector"),
     }
-    assert {(run.target, run.split) for run in runs} == {("reflector", "position")}
 
 
-def test_only_finished_runs_count_whose_set_is_there(
-    world: World, runs: list[Run], pick: Pick, tmp_path: Path
-) -> None:
+def test_only_finished_runs_count_whose_set_is_there(world, runs, pick, tmp_path):
     grid = world.sets["grid"].folder
     shutil.copytree(grid, tmp_path / "data" / grid.name)
     kept = copied(pick("svm_pair", "grid"), tmp_path)
@@ -80,7 +72,7 @@ def test_only_finished_runs_count_whose_set_is_there(
     assert load_runs(tmp_path / "nowhere") == []
 
 
-def test_two_runs_of_one_title_are_not_averaged(world: World, pick: Pick, tmp_path: Path) -> None:
+def test_two_runs_of_one_title_are_not_averaged(world, pick, tmp_path):
     """A classifier with other settings, or an outdated one, would pass for another seed."""
     shutil.copytree(world.runs / "data", tmp_path / "data")
     run = pick("svm_pair", "grid")
@@ -92,9 +84,7 @@ def test_two_runs_of_one_title_are_not_averaged(world: World, pick: Pick, tmp_pa
         load_runs(tmp_path)
 
 
-def test_a_run_of_another_version_is_left_out_and_refused_by_name(
-    world: World, runs: list[Run], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_of_another_version_is_left_out_and_refused_by_name(world, runs, tmp_path, capsys):
     """Runs of version 0.1 have no `format`."""
     shutil.copytree(world.runs / "data", tmp_path / "data")
     kept = copied(runs[0], tmp_path)
@@ -109,11 +99,9 @@ def test_a_run_of_another_version_is_left_out_and_refused_by_name(
         read_run(old)
 
 
-def test_on_its_own_set_a_run_predicts_held_out_rows_as_it_did_in_training(
-    world: World, runs: list[Run]
-) -> None:
+def test_on_its_own_set_a_run_predicts_held_out_rows_as_it_did_in_training(world, runs):
     for run in runs:
-        dataset = world.sets[run.plan]
+        dataset = world.sets[run.model.trained_on]
         parts = LearningProblem(dataset, seed=run.seed).parts()
         found = predict_rows(run, dataset)
         assert np.array_equal(found.rows, parts.test)
@@ -127,16 +115,14 @@ def test_on_its_own_set_a_run_predicts_held_out_rows_as_it_did_in_training(
 
 
 @pytest.mark.parametrize("share", [0.2, 0.4])
-def test_held_out_rows_of_the_leaky_split_are_rows(world: World, share: float) -> None:
+def test_held_out_rows_of_the_leaky_split_are_rows(world, share):
     dataset = world.sets["scattered"]
     leaky = Run(Path(), {"split": "row", "test_share": share, "seed": 5})
     problem = LearningProblem(dataset, seed=5, split="row", test_share=share)
     assert np.array_equal(held_out_rows(leaky, dataset), problem.parts().test)
 
 
-def test_elsewhere_it_predicts_every_row_or_those_that_others_held_out(
-    world: World, pick: Pick, tmp_path: Path
-) -> None:
+def test_elsewhere_it_predicts_every_row_or_those_that_others_held_out(world, pick, tmp_path):
     """Seed by seed the same rows for everyone; what counts is the digest of the data."""
     dataset = world.sets["scattered"]
     stranger = pick("svm_pair", "grid")
@@ -150,7 +136,7 @@ def test_elsewhere_it_predicts_every_row_or_those_that_others_held_out(
     assert len(predict_rows(stranger, namesake).rows) == len(namesake)
 
 
-def test_inputs_are_stacked_in_the_runs_order(world: World, pick: Pick) -> None:
+def test_inputs_are_stacked_in_the_runs_order(world, pick):
     run = pick("svm_pair", "scattered")
     dataset = world.sets["offgrid_hall"]
     columns = {name: dataset[name] for name in ("power", "score", "toa")}
@@ -160,7 +146,7 @@ def test_inputs_are_stacked_in_the_runs_order(world: World, pick: Pick) -> None:
     assert not np.allclose(predict(run, swapped), expected)
 
 
-def test_every_echo_of_a_survey_is_predicted(comparison: Comparison, pick: Pick) -> None:
+def test_every_echo_of_a_survey_is_predicted(comparison, pick):
     survey = comparison.surveys["hall_0dB", "gated"]
     run = pick("threshold_peak", "scattered", 1)
     found = predict_echoes(run, survey)
@@ -170,7 +156,7 @@ def test_every_echo_of_a_survey_is_predicted(comparison: Comparison, pick: Pick)
     assert np.array_equal(np.argsort(found.confidence), np.argsort(survey.columns["peak_to_rms"]))
 
 
-def test_rows_are_labelled_as_the_paper_does(world: World) -> None:
+def test_rows_are_labelled_as_the_paper_does(world):
     dataset = world.sets["scattered"]
     labelled = label_rows(dataset, resamples=7)
     assert np.array_equal(labelled.reference, dataset["reflector"])
@@ -181,9 +167,7 @@ def test_rows_are_labelled_as_the_paper_does(world: World) -> None:
 
 
 @pytest.mark.parametrize("name", ["model.onnx", "metrics.json"])
-def test_a_damaged_run_predicts_nothing(
-    world: World, pick: Pick, tmp_path: Path, name: str
-) -> None:
+def test_a_damaged_run_predicts_nothing(world, pick, tmp_path, name):
     run = pick("threshold_peak", "grid")
     copy = Run(copied(run, tmp_path), run.metrics)
     content = bytearray((copy.folder / name).read_bytes())

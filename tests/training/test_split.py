@@ -9,11 +9,6 @@ from echolearn.checks import BadValue
 from echolearn.training.split import split_groups
 
 
-def test_the_papers_split_is_1591_to_398():
-    first, second = split_groups(np.arange(1989), share=0.2, seed=0)
-    assert (len(first), len(second)) == (1591, 398)
-
-
 @given(st.lists(st.integers(0, 30), min_size=1, max_size=80), st.floats(0, 1), st.integers(0, 99))
 def test_no_position_falls_on_both_sides(groups, share, seed):
     positions = np.array(groups)

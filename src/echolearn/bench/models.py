@@ -45,7 +45,7 @@ def training(setting: Setting) -> Iterator[Measurement]:
         spent = files.load_json(run.folder / "timing.json")
         for measure in ("fit", "total"):
             about = ("train", run.identity, "rows", run.metrics["rows"]["train"], measure, "s")
-            yield Measurement(*about, [spent[measure]], group=run.classifier)
+            yield Measurement(*about, [spent[measure]], group=run.model.classifier)
 
 
 def inference(setting: Setting) -> Iterator[Measurement]:
@@ -70,7 +70,7 @@ def inference(setting: Setting) -> Iterator[Measurement]:
                 f"{run.identity}, {name}": Contestant(partial(score, x[:rows]), units=rows)
                 for name, score in scorers.items()
             }
-            about = {"parameter": "batch", "value": rows, "group": run.classifier}
+            about = {"parameter": "batch", "value": rows, "group": run.model.classifier}
             yield from brief.compare("models", contestants, **about)
 
 

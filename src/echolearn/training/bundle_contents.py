@@ -61,12 +61,13 @@ def bundle_description(
     rows = run.metrics["rows"]["validation"]
     rule = f"largest balanced accuracy on {rows} validation rows; kept if confidence >= value"
     model = run.metrics["model"]
+    target = run.model.target
     versions = {library: version(library) for library in LIBRARIES}
     own = {"echolearn": echolearn.__version__, "python": platform.python_version()}
     return {
         "kind": "bundle",
         "schema": schema.SCHEMA,
-        "classifier": run.classifier,
+        "classifier": run.model.classifier,
         "run": run.identity,
         "seed": run.seed,
         "trained_on": run.model.training,
@@ -75,7 +76,7 @@ def bundle_description(
         "columns": [{"name": name, "unit": UNITS.get(name, "1")} for name in run.inputs],
         "bands": COVARIANCE_BANDS,
         "input_shape": shape,
-        "label": {"name": run.target, "true": schema.LABELS[run.target]},
+        "label": {"name": target, "true": schema.LABELS[target]},
         "threshold": {"value": run.threshold, "chosen": rule},
         "calibration": run.metrics["calibration"],
         "parity": {"difference": model["parity"], "trials": model["trials"]},

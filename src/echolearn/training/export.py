@@ -128,13 +128,13 @@ def set_of(run: Run) -> Dataset:
         BadValue: it is not there.
     """
     place = run.folder.parents[1] / "data"
-    for manifest in sorted(place.glob(f"{run.plan}-*/{manifests.MANIFEST}")):
+    for manifest in sorted(place.glob(f"{run.model.trained_on}-*/{manifests.MANIFEST}")):
         dataset = Dataset(manifest.parent)
         if dataset.digest == run.data_digest:
             return dataset
     raise BadValue(
         f"run={run.folder}: its set must be under {place}; "
-        f"make it: echolearn generate plan={run.plan}"
+        f"make it: echolearn generate plan={run.model.trained_on}"
     )
 
 

@@ -61,7 +61,7 @@ def held_out_rows(run: Run, dataset: Dataset) -> Array:
 
     Of the set that it was trained on, these are the rows that it never saw.
     """
-    groups = groups_of(dataset, split=run.split)
+    groups = groups_of(dataset, split=run.metrics["split"])
     return split_groups(groups, share=run.metrics["test_share"], seed=run.seed)[1]
 
 

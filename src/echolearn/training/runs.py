@@ -37,39 +37,10 @@ class Run:
         return self.folder.name
 
     @property
-    def classifier(self) -> str:
-        """Name of the classifier, that of its configuration file."""
-        return str(self.metrics["name"])
-
-    @property
-    def method(self) -> str:
-        """Short name of the classifier's class: threshold, svm, trees, network."""
-        return str(self.metrics["method"])
-
-    @property
-    def role(self) -> str:
-        """Either "baseline", of a bare threshold, or "learned"."""
-        return str(self.metrics["role"])
-
-    @property
-    def plan(self) -> str:
-        """Name of the set it was trained on."""
-        return str(self.metrics["plan"])
-
-    @property
-    def target(self) -> str:
-        """Label it learned: "reflector" (the paper's) or "on_map"."""
-        return str(self.metrics["target"])
-
-    @property
-    def split(self) -> str:
-        """Unit never divided between training and test: "position", or the leaky "row"."""
-        return str(self.metrics["split"])
-
-    @property
     def model(self) -> Model:
-        """Return what it shares with the runs of other seeds."""
-        return Model(self.classifier, self.plan, self.role, self.method, self.split, self.target)
+        """What it shares with the runs of other seeds."""
+        told = ("name", "plan", "role", "method", "split", "target")
+        return Model(*map(self.metrics.__getitem__, told))
 
     @property
     def seed(self) -> int:

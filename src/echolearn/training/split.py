@@ -14,9 +14,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check, check_number, check_whole
+from echolearn.checks import check, check_number, check_plain, check_whole
 from echolearn.classifiers.inputs import COVARIANCE, Rows, rows_of, view_of
 from echolearn.dataset.labelled_set import Dataset
+
+SHARE = partial(check_number, low=0.01, high=0.9)
+FIELDS = {
+    "dataset": ...,
+    "target": ("reflector", "on_map"),
+    "seed": partial(check_whole, low=0, high=2**31 - 1),
+    "split": ("position", "row"),
+    "test_share": SHARE,
+    "validation_share": SHARE,
+}
+"""What may stand in the fields of a `LearningProblem`."""
 
 
 class Parts(NamedTuple):
@@ -48,25 +59,13 @@ class LearningProblem:
     validation_share: float = 0.2
 
     def __post_init__(self) -> None:
-        known = self.target in ("reflector", "on_map")
-        check(known, "target", self.target, allowed="must be reflector or on_map")
-        check_whole("seed", self.seed, low=0, high=2**31 - 1)
-        known = self.split in ("position", "row")
-        check(known, "split", self.split, allowed="must be position or row")
-        check_number("test_share", self.test_share, low=0.01, high=0.9)
-        check_number("validation_share", self.validation_share, low=0.01, high=0.9)
+        check_plain("", vars(self), table=FIELDS)
 
     def identity(self) -> dict[str, Any]:
         """Return what tells this problem from all others, as plain containers."""
-        return {
-            "plan": self.dataset.name,
-            "data": self.dataset.digest,
-            "target": self.target,
-            "seed": self.seed,
-            "split": self.split,
-            "test_share": self.test_share,
-            "validation_share": self.validation_share,
-        }
+        fields = dict(vars(self))
+        dataset = fields.pop("dataset")
+        return {"plan": dataset.name, "data": dataset.digest, **fields}
 
     def inputs(self, names: Sequence[str]) -> Rows:
         """Return what a classifier with these inputs sees, (B, K) or (B, bands, M * M).
