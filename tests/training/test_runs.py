@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from echolearn.checks import BadValue
+from echolearn.classifiers.calibration import best_threshold
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics
 from echolearn.evaluation.rows import Recordings
@@ -107,6 +108,10 @@ def test_on_its_own_set_a_run_predicts_held_out_rows_as_it_did_in_training(world
         assert np.array_equal(found.rows, parts.test)
         assert not {*dataset["group"][found.rows]} & {*dataset["group"][parts.train]}
         assert (found.seed, found.threshold) == (run.seed, run.metrics["threshold"])
+        # What is chosen, is chosen on the validation part; the test part is looked at once.
+        known = {name: dataset[name][parts.validation] for name in run.inputs}
+        cut = best_threshold(predict(run, known), dataset["reflector"][parts.validation])
+        assert run.threshold == pytest.approx(cut, abs=1e-4)
         again = metrics.evaluate_labels(
             dataset["reflector"][found.rows], found.confidence, threshold=found.threshold
         )

@@ -62,8 +62,8 @@ def bundle_description(
     rule = f"largest balanced accuracy on {rows} validation rows; kept if confidence >= value"
     model = run.metrics["model"]
     target = run.model.target
-    versions = {library: version(library) for library in LIBRARIES}
-    own = {"echolearn": echolearn.__version__, "python": platform.python_version()}
+    versions = {"echolearn": echolearn.__version__, "python": platform.python_version()}
+    versions |= {library: version(library) for library in LIBRARIES}
     return {
         "kind": "bundle",
         "schema": schema.SCHEMA,
@@ -83,7 +83,7 @@ def bundle_description(
         **recording_description(dataset.manifest["plan"], array=array, probe=probe),
         "golden": schema.GOLDEN,
         "metrics": {"held_out": held_out_figures(run, dataset, resamples=resamples)},
-        "versions": own | versions,
+        "versions": versions,
     }
 
 
@@ -163,7 +163,7 @@ def map_figures(comparison: Path, run: Run) -> list[dict[str, Any]]:
     found = []
     with (comparison / "results.csv").open(newline="") as file:
         for row in DictReader(file):
-            if row["metric"] in MAPS and all(row[key] == value for key, value in wanted.items()):
+            if row["metric"] in MAPS and wanted.items() <= row.items():
                 where = f"{row['tested_on']}/{row['localizer']}"
                 figures = {key: _finite(row[key]) for key in schema.FIGURE}
                 found.append({"tested_on": where, "metric": row["metric"], **figures})

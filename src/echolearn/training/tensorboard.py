@@ -10,7 +10,7 @@ from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import BadValue
+from echolearn.storage.files import unwritable
 
 
 def write_events(
@@ -76,9 +76,6 @@ def writable(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = error.strerror or error
-        raise BadValue(
-            f"{folder}: cannot be written ({reason}); make room and run the same command again"
-        ) from error
+        raise unwritable(folder, error) from error
     finally:
         threading.excepthook = before
