@@ -113,6 +113,13 @@ def done(method: str, toy: Dataset, tmp_path_factory: pytest.TempPathFactory) ->
     return runs / "train" / str(result["run"])
 
 
+@pytest.fixture(scope="module")
+def calm(toy: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a network's run that nothing has disturbed."""
+    runs = tmp_path_factory.mktemp("calm")
+    return runs / "train" / str(train(LearningProblem(toy), NETWORK, runs)["run"])
+
+
 def never() -> Any:
     raise AssertionError("a finished run was redone")
 
@@ -223,12 +230,6 @@ print(result["run"], *{{"torch", "sklearn", "lightning", "onnxruntime"}} & set(s
 
 
 class TestTrust:
-    @pytest.fixture(scope="class")
-    def calm(self, toy: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
-        """Return the folder of a network's run that nothing has disturbed."""
-        runs = tmp_path_factory.mktemp("calm")
-        return runs / "train" / str(train(LearningProblem(toy), NETWORK, runs)["run"])
-
     @pytest.fixture
     def run(self, toy: Dataset, tmp_path: Path) -> Path:
         """Return the folder of a finished run, to be damaged."""
