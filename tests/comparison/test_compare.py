@@ -360,7 +360,7 @@ def copied(world: World, tmp_path: Path) -> Path:
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "set": (
         {"tested": ["grid", "paper"]},
-        "tested=paper: the name of exactly one finished set; run `echolearn generate plan=paper`",
+        "tested=paper: must be the name of exactly one finished set; run `echolearn generate plan=paper`",
     ),
     "no set": ({"tested": []}, "tested=[]: the name of at least one labelled set"),
     "survey": (
@@ -445,6 +445,17 @@ def test_two_sets_of_one_name_are_one_too_many(world: World, tmp_path: Path) -> 
         BadValue, match=r"^tested=grid: .*; remove the outdated: .*grid-0+, .*grid-0+1$"
     ):
         find_set(tmp_path, "grid")
+
+
+def test_a_set_of_another_version_is_passed_over(world: World, tmp_path: Path) -> None:
+    old, new = (tmp_path / "data" / f"grid-{number:012x}" for number in range(2))
+    shutil.copytree(world.sets["grid"].folder, old)
+    manifest = manifests.load_manifest(old)
+    manifests.finish(old, manifest | {"format": 1}, manifest["files"])
+    with pytest.raises(BadValue, match=r"another version of echolearn; run `echolearn generate"):
+        find_set(tmp_path, "grid")
+    shutil.copytree(world.sets["grid"].folder, new)
+    assert find_set(tmp_path, "grid") == new
 
 
 def test_a_set_is_found_by_its_whole_name(world: World, tmp_path: Path) -> None:

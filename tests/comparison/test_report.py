@@ -370,7 +370,8 @@ def test_a_readme_without_the_markers_is_left_alone(
     readme = tmp_path / "README.md"
     readme.write_text(text)
     with pytest.raises(
-        BadValue, match=r"^readme=.*README.md: must be must be a file with one <!-- results.* and then one <!-- end"
+        BadValue,
+        match=r"^readme=.*README.md: must be must be a file with one <!-- results.* and then one <!-- end",
     ):
         report.show(finished, readme=readme)
     assert readme.read_text() == text

@@ -237,7 +237,8 @@ class TestSets:
 
     def test_the_worst_of_the_sets_made_for_testing_counts(self) -> None:
         rows = [
-            row("a", "set", name, value, set_role="test") for name, value in zip("xyz", (8, 7, 9), strict=True)
+            row("a", "set", name, value, set_role="test")
+            for name, value in zip("xyz", (8, 7, 9), strict=True)
         ]
         rows += [row("a", "set", "paper", 2), row("chance", "-", "x", 5, set_role="test")]
         found = tables.worst_test_set(rows)

@@ -164,7 +164,7 @@ def test_other_settings_under_the_same_name_are_refused(finished, walk, brief, t
         {"scene": replace(brief, speed_of_sound=340.0)},
     )
     for change in changes:
-        with pytest.raises(BadValue, match=r"^name=few: .* was made with others$") as refused:
+        with pytest.raises(BadValue, match=r"^name=few: .* was made with others") as refused:
             walk(tmp_path, **change)
         assert "\n" not in str(refused.value)
     assert contents(folder) == before
@@ -248,7 +248,7 @@ def test_recordings_are_the_mean_of_several_pings_and_the_conditions_say_so(
     noise, power = read.noise(), np.mean(brief.received(ROOM, read.poses[0]) ** 2, axis=-1)
     assert noise is not None
     assert np.allclose(np.mean(noise**2, axis=-1), power * 10**-0.5 / 16, rtol=0.1)
-    with pytest.raises(BadValue, match=r"^name=few: .* was made with others$"):
+    with pytest.raises(BadValue, match=r"^name=few: .* was made with others"):
         walk(tmp_path, pings=15, poses=2, noise_seconds=1.0)
     assert contents(walk(tmp_path / "one", pings=1)) == contents(finished)
 
@@ -300,7 +300,7 @@ def test_white_noise_is_recorded_alone_where_it_is_asked_for(walk, finished, tmp
     assert np.array_equal(first, reader.read_survey(finished).observe([0]).samples[0])
     again = walk(tmp_path / "again", noise_seconds=1.0)
     assert contents(again) == contents(folder)
-    with pytest.raises(BadValue, match=r"^name=few: .* was made with others$"):
+    with pytest.raises(BadValue, match=r"^name=few: .* was made with others"):
         walk(tmp_path)
 
 

@@ -15,7 +15,7 @@ from echolearn.checks import BadValue, check, check_list, check_name, check_whol
 from echolearn.comparison import report
 from echolearn.comparison.choice import Comparison, chosen_run
 from echolearn.comparison.evaluate import Inputs, evaluate
-from echolearn.dataset.labelled_set import Dataset
+from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.evaluation.rows import to_csv
 from echolearn.localization.localizer import Localizer
 from echolearn.storage.files import clean, write_atomic
@@ -175,17 +175,21 @@ def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) ->
 def find_set(runs: Path, name: str) -> Path:
     """Return the folder of the one finished set called `name`.
 
+    Sets of another version are passed over: nothing but `verify` can read them.
+
     Raises:
         BadValue: none, or several that differ in their settings.
     """
-    manifests = (runs / "data").glob(f"{name}-*/{MANIFEST}")
-    folders = [path.parent for path in manifests]
+    folders = [path.parent for path in (runs / "data").glob(f"{name}-*/{MANIFEST}")]
     # What follows the name is the digest alone: `grid-*` finds `grid-fine-<digest>`, too.
-    found = sorted(each for each in folders if "-" not in each.name.removeprefix(f"{name}-"))
+    named = sorted(each for each in folders if "-" not in each.name.removeprefix(f"{name}-"))
+    found = [each for each in named if load_manifest(each).get("format") == FORMAT]
     hint = f"run `echolearn generate plan={name}`"
     if found:
         hint = "remove the outdated: " + ", ".join(map(str, found))
-    allowed = "the name of exactly one finished set"
+    elif named:
+        hint = f"{named[0]} was made by another version of echolearn; {hint}"
+    allowed = "must be the name of exactly one finished set"
     check(len(found) == 1, "tested", name, allowed=allowed, hint=hint)
     return found[0]
 

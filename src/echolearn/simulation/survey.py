@@ -177,7 +177,8 @@ def _finished(folder: Path, about: Mapping[str, Any]) -> Path | None:
         return None
     same = all(manifest.get(key) == value for key, value in about.items())
     allowed = "must be a new name, or that of a survey made with the same settings"
-    check(same, "name", folder.name, allowed=allowed, hint=f"{folder} was made with others")
+    hint = f"{folder} was made with others, or by echolearn 0.1; remove it to make it anew"
+    check(same, "name", folder.name, allowed=allowed, hint=hint)
 
     try:
         manifests.verify(folder)
