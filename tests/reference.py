@@ -5,13 +5,14 @@ phase shifts. c is 343 m/s throughout.
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow, circular_array
 from echolearn.acoustics.types import Array, MicArray, Observation, Probe
-from echolearn.bench.equations import delays, joint, padded, relative, shift, snls
+from echolearn.bench.equations import Recording, delays, joint, padded, relative, shift, snls
 
 SPEED = 343.0
 
@@ -38,6 +39,11 @@ def wave(probe: Probe, azimuth: float, lag: float, gain: float = 0.1) -> Array:
 def white(probe: Probe, level: float, seed: int = 0) -> Array:
     """Return white noise at the ring, as long as a recording, shape (M, N)."""
     return level * np.random.default_rng(seed).standard_normal((len(RING), probe.length))
+
+
+def loops(probe: Probe, samples: Array, azimuths: Array) -> Recording:
+    """Return what the ring's recordings (M, N) are to the equations."""
+    return Recording(samples, probe.samples, RING.positions, azimuths, FIRST, LAST, RATE)
 
 
 def observed(probe: Probe, *samples: Array, array: MicArray = RING, **known: Any) -> Observation:
@@ -77,19 +83,18 @@ def echo(
     return strength / (4 * math.pi * distance) * late
 
 
-def relax(
-    recording: Array, burst: Array, *, first: int, last: int, echoes: int, epsilon: float = 1e-4
-) -> list[tuple[float, float]]:
-    """Return lag and gain of several echoes by RELAX: S-NLS on what the others leave.
+def relax(recording: Recording, *, echoes: int, epsilon: float = 1e-4) -> list[tuple[float, float]]:
+    """Return lag and gain of several echoes at microphone 1 by RELAX: S-NLS on the others' rest.
 
     An echo is added where the residual of those before it is best explained; then all are estimated
     again in turn until the residual's energy changes by less than `epsilon` of itself (Li, Stoica
     1996).
     """
-    probe = padded(burst, len(recording))
+    probe = recording.probe
+    received = recording.samples[0]
     found: list[tuple[float, float]] = []
     for count in range(1, echoes + 1):
-        found.append((float(first), 0.0))
+        found.append((float(recording.first), 0.0))
         before = math.inf
         for _ in range(50):
             for r in reversed(range(count)):
@@ -97,9 +102,9 @@ def relax(
                     (gain * shift(probe, lag) for lag, gain in found[:r] + found[r + 1 :]),
                     np.zeros(1),
                 )
-                found[r] = snls(recording - others, burst, first=first, last=last)
+                found[r] = snls(replace(recording, samples=(received - others)[None]))
             modelled = sum((gain * shift(probe, lag) for lag, gain in found), np.zeros(1))
-            rest = float(np.sum((recording - modelled) ** 2))
+            rest = float(np.sum((received - modelled) ** 2))
             if before - rest < epsilon * before:
                 break
             before = rest
@@ -107,14 +112,8 @@ def relax(
 
 
 def em(
-    recording: Array,
-    burst: Array,
-    positions: Array,
-    azimuths: Array,
+    recording: Recording,
     *,
-    first: int,
-    last: int,
-    rate: float,
     starts: list[Component] | None = None,
     weights: Array | None = None,
     iterations: int = 30,
@@ -131,38 +130,24 @@ def em(
             the same search.
         weights: w_m, one over each microphone's noise variance, shape (M,); 1 unless given.
     """
-    components = list(starts or [(float(first), 0.0, 0.0)])
-    weights = np.ones(len(recording)) if weights is None else weights
+    components = list(starts or [(float(recording.first), 0.0, 0.0)])
+    weights = np.ones(len(recording.samples)) if weights is None else weights
     for _ in range(iterations):
-        heard = [
-            component(burst, positions, c, rate=rate, length=recording.shape[-1])
-            for c in components
-        ]
-        rest = (recording - sum(heard)) / len(components)
-        for r, own in enumerate(heard):
-            surface = joint(
-                own + rest,
-                burst,
-                positions,
-                azimuths,
-                first=first,
-                last=last,
-                rate=rate,
-                weights=weights,
-            )
+        received = [component(recording, echo) for echo in components]
+        rest = (recording.samples - sum(received)) / len(components)
+        for r, own in enumerate(received):
+            surface = joint(replace(recording, samples=own + rest), weights)
             best, lag = np.unravel_index(surface.argmax(), surface.shape)
-            gain = float(surface.max() / (burst @ burst * np.sum(weights)))
-            components[r] = (float(first + lag), float(azimuths[best]), gain)
+            gain = float(surface.max() / (recording.burst @ recording.burst * np.sum(weights)))
+            components[r] = (float(recording.first + lag), float(recording.azimuths[best]), gain)
     return components
 
 
-def component(
-    burst: Array, positions: Array, echo: Component, *, rate: float, length: int
-) -> Array:
-    """Return what microphones (M, 3) hear of one echo: g s(n - tau - eta_m(phi)), shape (M, N)."""
+def component(recording: Recording, echo: Component) -> Array:
+    """Return what the microphones record of one echo: g s(n - tau - eta_m(phi)), shape (M, N)."""
     lag, azimuth, gain = echo
-    eta = relative(positions, azimuth, rate=rate)
-    return np.stack([gain * shift(padded(burst, length), lag + late) for late in eta])
+    eta = relative(recording.positions, azimuth, rate=recording.rate)
+    return np.stack([gain * shift(recording.probe, lag + late) for late in eta])
 
 
 def is_detected(recording: Array, *, variance: float, log_gamma: float) -> bool:

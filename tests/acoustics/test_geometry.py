@@ -40,7 +40,7 @@ def test_directions_name_the_axes_ahead_left_and_up() -> None:
 
 @given(ANGLE, TILT)
 def test_delays_are_the_closed_form_of_the_ring(azimuth: float, elevation: float) -> None:
-    expected = equations.delays(RING.positions, azimuth, elevation)
+    expected = equations.delays(RING.positions, azimuth, elevation=elevation)
     toward = np.tile(direction(azimuth, elevation), (2, 1))
     for found in geometry.far_field_delays(RING, toward, speed_of_sound=343.0):
         assert np.allclose(found, expected, atol=1e-15)

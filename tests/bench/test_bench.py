@@ -187,13 +187,10 @@ def test_both_pages_get_their_tables_and_keep_the_rest(made: Path) -> None:
         ({"stages": ["rir", "strat"]}, "stages=strat: must be some of rir, .*; did you mean start"),
         ({"stages": "rir"}, r"stages=rir: .*are brackets missing"),
         ({"stages": []}, r"stages=\[\]: must be some of"),
-        (
-            {"page": "{}/without.md"},
-            "page=.*without.md: must be must be a file with one <!-- bench",
-        ),
+        ({"page": "{}/without.md"}, "page=.*without.md: must be a file with one <!-- bench"),
         (
             {"scaling": "{}/without.md"},
-            "scaling=.*without.md: must be must be a file with one <!-- scaling",
+            "scaling=.*without.md: must be a file with one <!-- scaling",
         ),
         ({"page": "{}/no.md"}, "page=.*no.md: cannot be read"),
         ({"scaling": "{}/page.md", "stages": ["start"]}, "stages=.*: must have rows among them"),

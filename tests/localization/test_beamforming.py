@@ -1,5 +1,7 @@
 """Beamforming against LAPACK, explicit sums, and plane waves whose direction is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +13,7 @@ from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.types import Array, MicArray, Observation, Probe
 from echolearn.bench import equations
 from echolearn.localization import beamforming
-from reference import RATE, RING, turn
+from reference import RATE, RING, loops, turn
 
 GRID = beamforming.azimuth_grid(60)
 SIZE = st.integers(1, 8)
@@ -155,6 +157,6 @@ def test_mpdr_is_the_papers_loop_with_and_without_some_microphones() -> None:
     assert np.array_equal(found[:1], beamforming.Mpdr(12)(batch)[:1])
     for row, samples in enumerate(batch.samples):
         left = ~silent[row]
-        grid = beamforming.azimuth_grid(12)
-        expected = equations.mpdr(samples[left], RING.positions[left], grid, rate=RATE)
+        loop = loops(batch.probe, samples[left], beamforming.azimuth_grid(12))
+        expected = equations.mpdr(replace(loop, positions=RING.positions[left]))
         assert np.allclose(found[row], expected, rtol=1e-3)

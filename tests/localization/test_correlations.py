@@ -10,7 +10,7 @@ from echolearn.bench import equations
 from echolearn.localization import correlations
 from echolearn.localization.beamforming import azimuth_grid
 from echolearn.localization.correlations import PAD
-from reference import FIRST, LAST, RATE, RING, wave
+from reference import FIRST, LAST, RATE, RING, loops, wave
 
 PROBE = signals.noise_probe(length=6000)
 GRID = azimuth_grid(60)
@@ -61,7 +61,7 @@ def test_the_steered_response_is_the_sum_of_literal_fractional_delays() -> None:
     assert found.dtype == np.float32
     peak = 6 * PROBE.energy
     for row, angle in zip(found, angles, strict=True):
-        whole = equations.steered(recording, PROBE.samples, RING.positions, angle, rate=RATE)
+        whole = equations.steered(loops(PROBE, recording, angles), angle)
         assert np.abs(row[PAD:-PAD] - whole[FIRST : LAST + 1]).max() < 0.01 * peak
         eta = equations.relative(RING.positions, angle, rate=RATE)
         exact = correlations.advance(padded(recording), eta[None, None])[0, 0].sum(axis=0)

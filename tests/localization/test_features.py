@@ -19,7 +19,7 @@ from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
-from reference import FIRST, LAST, RATE, RING, observed, turn, wave, white
+from reference import FIRST, LAST, RATE, loops, observed, turn, wave, white
 
 PROBE = noise_probe(length=4000)
 GRID = azimuth_grid(24)
@@ -112,8 +112,9 @@ def test_a_second_peak_is_five_lags_away_at_least() -> None:
 
 def test_columns_of_the_steered_response_are_their_definitions(case: Case) -> None:
     """The short transforms of the fast code cost about 1 % of the peak."""
-    samples, burst, positions = case.samples, PROBE.samples, RING.positions
-    rows = [equations.steered(samples, burst, positions, angle, rate=RATE) for angle in GRID]
+    samples, burst = case.samples, PROBE.samples
+    loop = loops(PROBE, samples, GRID)
+    rows = [equations.steered(loop, angle) for angle in GRID]
     response = np.stack(rows)[:, FIRST : LAST + 1]
     nearest = np.abs(GRID - case.azimuth).argmin()
     here = response[nearest, case.lag - FIRST]
@@ -130,18 +131,17 @@ def test_columns_of_the_steered_response_are_their_definitions(case: Case) -> No
     late = response.max(axis=0).argmax() - (case.lag - FIRST)
     assert case.columns["joint_lag"] == abs(late)
 
-    eta = equations.relative(positions, case.azimuth, rate=RATE)
-    ahead = [equations.shift(y, -e) for y, e in zip(samples, eta, strict=True)]
+    ahead = loop.ahead(case.azimuth)
     aligned = np.array([np.correlate(y, burst, "valid")[case.lag] for y in ahead])
     coherence = aligned.sum() ** 2 / (6 * np.sum(aligned**2))
     assert case.columns["coherence"] == pytest.approx(coherence, rel=0.03)
-    gated = equations.gated(samples, burst, positions, GRID, lag=case.lag, rate=RATE)
+    gated = equations.gated(loop, case.lag)
     ratio = 10 * np.log10(gated[nearest] / gated.mean())
     assert case.columns["gated_ratio"] == pytest.approx(ratio, abs=0.2)
 
 
 def test_columns_of_the_beam_are_the_papers(case: Case) -> None:
-    power = equations.mpdr(case.samples, RING.positions, GRID, rate=RATE)
+    power = equations.mpdr(loops(PROBE, case.samples, GRID))
     expected = {
         "power": 10 * np.log10(power.max()),
         "power_ratio": 10 * np.log10(power.max() / power.mean()),

@@ -20,12 +20,11 @@ from echolearn.localization.methods.mclam import Mclam, detected
 from echolearn.localization.methods.peaks import Peaks, highest, response
 from echolearn.localization.methods.snls import Snls
 from echolearn.localization.search import Peak
-from reference import FIRST, LAST, RATE, RING, observed, turn, wave, white
+from reference import FIRST, LAST, RATE, RING, loops, observed, turn, wave, white
 
 PROBE = noise_probe(burst=400, length=3000)
 WINDOW = SearchWindow()
 GRID = azimuth_grid(24)
-LOOP = {"first": FIRST, "last": LAST, "rate": RATE}
 NOISY = [
     wave(PROBE, 0.5, 180) + white(PROBE, 0.3),
     wave(PROBE, -2.0, 240.4) + white(PROBE, 0.5, 1),
@@ -46,17 +45,17 @@ def test_s_nls_is_least_squares_over_every_lag() -> None:
     rows = [*NOISY, wave(PROBE, 0.5, 180) + white(PROBE, 3.0, 3)]
     echoes = Snls()(observed(PROBE, *rows))
     for row, y in enumerate(rows):
-        lag, gain = equations.snls(y[0], PROBE.samples, first=FIRST, last=LAST)
+        lag, gain = equations.snls(loops(PROBE, y, GRID))
         assert echoes.toa[row, 0] * RATE == pytest.approx(lag)
         assert echoes.gain[row, 0] == pytest.approx(gain)
 
 
 def test_joint_is_the_loop_over_directions_microphones_and_lags() -> None:
-    """What noise does at the ends of the padded window is the largest difference, 5 % of it."""
+    """Noise at the ends of the padded window makes the largest difference, 5 % of the peak."""
     found = view(*NOISY).steered[:, :-1]
     coarse = Joint(azimuths=24, refine=False)(observed(PROBE, *NOISY))
     for row, y in enumerate(NOISY):
-        expected = equations.joint(y, PROBE.samples, RING.positions, GRID, **LOOP)
+        expected = equations.joint(loops(PROBE, y, GRID))
         assert np.abs(found[row] - expected).max() < 0.05 * expected.max()
         angle, lag = np.unravel_index(expected.argmax(), expected.shape)
         if coarse.elevation[row, 0] > 0:
@@ -70,8 +69,8 @@ def test_em_with_one_component_is_one_search_however_often_it_iterates() -> None
     psd = np.outer(1 / weights, np.ones(9))
     found = Em(azimuths=24, refine=False)(observed(PROBE, NOISY[1], noise_psd=psd))
     for iterations in (1, 3):
-        many = LOOP | {"weights": weights, "iterations": iterations}
-        [expected] = reference.em(NOISY[1], PROBE.samples, RING.positions, GRID, **many)
+        case = loops(PROBE, NOISY[1], GRID)
+        [expected] = reference.em(case, weights=weights, iterations=iterations)
         lag, azimuth, gain = expected
         assert found.toa[0, 0] * RATE == pytest.approx(lag)
         assert found.azimuth[0, 0] == pytest.approx(azimuth)
@@ -81,7 +80,7 @@ def test_em_with_one_component_is_one_search_however_often_it_iterates() -> None
 def test_mclam_is_its_loops() -> None:
     found = Mclam(azimuths=24)(observed(PROBE, *NOISY))
     for row, y in enumerate(NOISY):
-        lag, azimuth = equations.mclam(y, PROBE.samples, RING.positions, GRID, **LOOP)
+        lag, azimuth = equations.mclam(loops(PROBE, y, GRID))
         assert found.toa[row, 0] * RATE == pytest.approx(lag)
         assert found.azimuth[row, 0] == pytest.approx(azimuth)
 
@@ -90,7 +89,7 @@ def test_mclam_is_its_loops() -> None:
 def test_rir_pp_is_its_loop(loading: float) -> None:
     found = Peaks(azimuths=24, loading=loading)(observed(PROBE, *NOISY))
     for row, y in enumerate(NOISY):
-        lag = equations.peaks(y[0], PROBE.samples, first=FIRST, last=LAST, loading=loading)
+        lag = equations.peaks(loops(PROBE, y, GRID), loading)
         assert found.toa[row, 0] * RATE == pytest.approx(lag)
 
 
@@ -108,7 +107,7 @@ def test_the_gated_direction_is_its_definition() -> None:
     found = matched.gated_power(index)[:, :-1]
     for row, y in enumerate(rows):
         lag = FIRST + int(index[row])
-        expected = equations.gated(y, PROBE.samples, RING.positions, GRID, lag=lag, rate=RATE)
+        expected = equations.gated(loops(PROBE, y, GRID), lag)
         assert np.allclose(found[row], expected, atol=0.05 * expected.max())
 
 
@@ -118,8 +117,7 @@ def test_gated_mpdr_is_its_definition() -> None:
     lag = FIRST + int(index[0])
     expected = []
     for azimuth in GRID:
-        eta = equations.relative(RING.positions, azimuth, rate=RATE)
-        ahead = [equations.shift(y, -late) for y, late in zip(NOISY[0], eta, strict=True)]
+        ahead = loops(PROBE, NOISY[0], GRID).ahead(azimuth)
         gate = range(lag - 2, lag + 3)
         z = np.array([[y[k : k + 400] @ PROBE.samples for k in gate] for y in ahead])
         covariance = z @ z.T
@@ -139,7 +137,7 @@ def test_relax_is_its_loop(count: int) -> None:
     search = estimates.reference_search(matched, refine=False)
     peaks = np.array(estimates.strongest_peaks(matched, search, echoes=count))
     for row, y in enumerate(BOTH):
-        expected = reference.relax(y[0], PROBE.samples, first=FIRST, last=LAST, echoes=count)
+        expected = reference.relax(loops(PROBE, y, GRID), echoes=count)
         found = [(peak[0] + FIRST, peak[3]) for peak in peaks[..., row]]
         assert np.allclose(sorted(found, key=lambda one: -one[1]), expected, rtol=1e-3)
 
@@ -154,9 +152,8 @@ def test_em_is_its_loop_from_the_same_starts() -> None:
     matched = view(*BOTH)
     search = estimates.joint_search(matched, refine=False)
     found = relax.expect_maximize(matched.padded, search, starts=begin, iterations=4)
-    many = LOOP | {"starts": starts, "iterations": 4}
     for row, y in enumerate(BOTH):
-        expected = reference.em(y, PROBE.samples, RING.positions, GRID, **many)
+        expected = reference.em(loops(PROBE, y, GRID), starts=starts, iterations=4)
         for peak, (lag, azimuth, gain) in zip(found, expected, strict=True):
             assert peak.lag[row] + FIRST == pytest.approx(lag)
             assert peak.azimuth[row] == pytest.approx(azimuth)
@@ -233,7 +230,7 @@ def test_refinement_finds_what_lies_between_samples_and_directions() -> None:
 def test_elevation_is_found_where_it_is_asked() -> None:
     """A wave 40 degrees off the axis; above or below the array's plane are the same."""
     source = np.random.default_rng(0).standard_normal(3000)
-    delays = equations.delays(RING.positions, 1.0, np.radians(40)) * RATE
+    delays = equations.delays(RING.positions, 1.0, elevation=np.radians(40)) * RATE
     batch = observed(PROBE, np.stack([equations.shift(source, delay) for delay in delays]))
     echoes = Snls(azimuths=36, elevations=9)(batch)
     assert np.degrees(echoes.elevation[0, 0]) == pytest.approx(40.0)

@@ -7,6 +7,7 @@ MATLAB on another machine, are named for scale only.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from echolearn.acoustics.geometry import circular_array
@@ -105,35 +106,24 @@ def literal(localizer: Any, observation: Observation) -> dict[str, Contestant]:
     """
     array = observation.array
     rate = observation.probe.sample_rate
-    first, last = localizer.window.lags(array, rate, speed_of_sound=observation.speed_of_sound)
-    lags = {"first": first, "last": last}
+    known = equations.Recording(
+        observation.samples[0],
+        observation.probe.samples,
+        array.positions,
+        azimuth_grid(getattr(localizer, "azimuths", 180)),
+        *localizer.window.lags(array, rate, speed_of_sound=observation.speed_of_sound),
+        rate,
+    )
     loading = getattr(localizer, "loading", 0.0)
-    recording = observation.samples[0]
-    burst = observation.probe.samples
-    azimuths = azimuth_grid(getattr(localizer, "azimuths", 180))
-    around = (recording, burst, array.positions, azimuths)
-
-    def time() -> int:
-        return equations.snls(recording[0], burst, **lags)[0]
-
-    def direction() -> object:
-        return equations.mpdr(recording, array.positions, azimuths, rate=rate)
-
-    def joint() -> object:
-        return equations.joint(*around, rate=rate, **lags)
-
-    def peak() -> int:
-        return equations.peaks(recording[0], burst, loading=loading, **lags)
-
-    known: dict[str, Callable[[], object]] = {
-        "S-NLS, time only": time,
-        "SRP-MPDR, direction only": direction,
-        "snls": lambda: (time(), direction()),
-        "gated": lambda: equations.gated(*around, lag=time(), rate=rate),
-        "joint": joint,
+    forms: dict[str, Callable[[Any], object]] = {
+        "S-NLS, time only": equations.snls,
+        "SRP-MPDR, direction only": equations.mpdr,
+        "snls": lambda each: (equations.snls(each), equations.mpdr(each)),
+        "gated": lambda each: equations.gated(each, equations.snls(each)[0]),
+        "joint": equations.joint,
         # With one echo, an iteration of EM-MC is the joint search.
-        "em": joint,
-        "mclam": lambda: equations.mclam(*around, rate=rate, **lags),
-        "peaks": lambda: (peak(), direction()),
+        "em": equations.joint,
+        "mclam": equations.mclam,
+        "peaks": lambda each: (equations.peaks(each, loading), equations.mpdr(each)),
     }
-    return {name: Contestant(work, warm=False) for name, work in known.items()}
+    return {name: Contestant(partial(form, known), warm=False) for name, form in forms.items()}

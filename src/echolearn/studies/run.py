@@ -67,7 +67,14 @@ def run_study(
 
     def make() -> Path:
         estimates = folder / _shards_of(about["study"])
-        _estimate(study, estimates, workers=workers)
+        clean(estimates)
+        missing = manifests.missing_shards(estimates, len(study.values))
+        done = len(study.values) - len(missing)
+        with processes(max(1, min(workers, len(missing)))) as pool:
+            jobs = [pool.submit(_write_shard, study, estimates, index) for index in missing]
+            for job in track(jobs, f"study {name}", unit="values", done=done):
+                job.result()
+
         rows = accuracy_rows(study, estimates, resamples=resamples)
         files = curves.study_files(name, vary=study.vary, rows=rows)
         for file, content in files.items():
@@ -106,19 +113,8 @@ def _finished(folder: Path, about: Mapping[str, Any]) -> Path | None:
     return None
 
 
-def _estimate(study: Study, folder: Path, *, workers: int) -> None:
-    """Write the shard of every value that has none yet."""
-    clean(folder)
-    count = len(study.values)
-    missing = manifests.missing_shards(folder, count)
-    title = f"study {folder.parent.name}"
-    with processes(max(1, min(workers, len(missing)))) as pool:
-        jobs = [pool.submit(_write_shard, study, folder, index) for index in missing]
-        for job in track(jobs, title, unit="values", done=count - len(missing)):
-            job.result()
-
-
 def _write_shard(study: Study, folder: Path, index: int) -> None:
+    """Write what localizers get right at one value."""
     manifests.write_shard(folder, index, estimate(study, study.values[index]))
 
 
@@ -137,12 +133,14 @@ def estimate(study: Study, value: Any) -> Array:
     for number, (pose, trials) in enumerate(zip(study.poses(), shared_out, strict=True)):
         position = study.position(number, pose)
         table["position"][trials] = number
-        table["hit"][trials] = evaluate_position(study, position, condition, trials=trials)
+        table["hit"][trials] = evaluate_position(
+            study, position, condition=condition, trials=trials
+        )
     return table
 
 
 def evaluate_position(
-    study: Study, position: Position, condition: Condition, *, trials: Array
+    study: Study, position: Position, *, condition: Condition, trials: Array
 ) -> Array:
     """Return which metrics each localizer and, last, chance meet at one position.
 
