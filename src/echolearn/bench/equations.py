@@ -79,7 +79,13 @@ def snls(recording: Recording) -> tuple[int, float]:
 
 
 def relative(positions: Array, azimuth: float, *, rate: float) -> Array:
-    """Return eta_m of Eq. 3, the delays relative to microphone 1, in samples, shape (M,)."""
+    """Return eta_m of Eq. 3, the delays relative to microphone 1, in samples, shape (M,).
+
+    Args:
+        positions: microphones, shape (M, 3), in m.
+        azimuth: direction in the plane that the wave comes from, in rad.
+        rate: sample rate, Hz.
+    """
     late = delays(positions, azimuth)
     return (late - late[0]) * rate
 

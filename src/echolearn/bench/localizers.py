@@ -10,7 +10,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.types import Observation
 from echolearn.bench import equations
 from echolearn.bench.measurement import Measurement, Setting, observations
@@ -30,10 +29,10 @@ def time_localizers(setting: Setting) -> Iterator[Measurement]:
     observation = observations(setting.plan, setting.batch)
     # Growth needs many times, none of them exact: fewer observations will do.
     few = min(setting.batch, 16)
-    rings = {}
-    for count in setting.microphones:
-        scene = replace(setting.plan.scene, array=circular_array(microphones=count))
-        rings[count] = observations(setting.plan, few, scene)
+    rings = {
+        count: observations(setting.plan, few, scene=scene)
+        for count, scene in setting.rings.items()
+    }
     about = {"parameter": "batch", "value": setting.batch}
     # The paper times its two searches together; apart they show which of them costs.
     forms = literal(setting.plan, observation)
@@ -85,8 +84,16 @@ def as_printed(name: str, own: Sequence[float], *, value: int) -> Iterator[Measu
         yield Measurement(*about, printed, reference=name, ratio=ratios(printed, own))
 
 
-def at_work(localizer: Localizer, observation: Observation, count: int | None = None) -> Contestant:
-    """Return a localizer at work on the first `count` of observations (B, M, N), or on all."""
+def at_work(
+    localizer: Localizer, observation: Observation, *, count: int | None = None
+) -> Contestant:
+    """Return a localizer at work.
+
+    Args:
+        localizer: any.
+        observation: samples (B, M, N).
+        count: how many of them, the first; all unless given.
+    """
     some = replace(observation, samples=observation.samples[:count])
     return Contestant(lambda: localizer(some), units=len(some.samples))
 

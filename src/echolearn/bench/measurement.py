@@ -6,12 +6,13 @@ one process for two. The first contestant of a comparison is the reference of th
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Observation
 from echolearn.checks import check, check_list, check_number, check_whole
@@ -70,10 +71,10 @@ class Measurement:
     def row(self) -> dict[str, Any]:
         """Return the row of `bench.csv`."""
         rest = (len(self.repetitions), *self.spread, self.reference, *self.ratio)
-        return self.keys | dict(zip(COLUMNS[len(KEYS) :], rest, strict=True))
+        return dict(zip(COLUMNS, (*self.keys.values(), *rest), strict=True))
 
 
-WHOLE = {
+LIMITS: dict[str, tuple[float, float]] = {
     "workers": (1, 1024),
     "repetitions": (1, 1000),
     "long_repetitions": (1, 1000),
@@ -82,8 +83,11 @@ WHOLE = {
     "rows": (1, 10**9),
     "microphones": (2, 256),
     "azimuths": (8, 3600),
+    "seconds": (0.0, 3600.0),
+    "t60": (0.01, 10.0),
+    "peer_t60": (0.01, 10.0),
 }
-SECONDS = {"seconds": (0.0, 3600.0), "t60": (0.01, 10.0), "peer_t60": (0.01, 10.0)}
+SECONDS = ("seconds", "t60", "peer_t60")
 LISTS = ("rows", "microphones", "azimuths", "t60", "peer_t60")
 
 
@@ -131,15 +135,24 @@ class Setting:
     def __post_init__(self) -> None:
         scattered = isinstance(self.growing, ScatteredPlan)
         check(scattered, "growing", self.growing.name, allowed="must be a scattered plan")
-        for name in LISTS:
-            check_list(name, getattr(self, name))
-        for name, (low, high) in (WHOLE | SECONDS).items():
+        for name, (low, high) in LIMITS.items():
             given = getattr(self, name)
+            if name in LISTS:
+                check_list(name, given)
             for value in given if name in LISTS else [given]:
                 if name in SECONDS:
                     check_number(name, value, low=low, high=high, unit="s")
                 else:
                     check_whole(name, value, low=int(low), high=int(high))
+
+    @property
+    def rings(self) -> dict[int, Scene]:
+        """The plan's scene with each of the rings, by their numbers of microphones."""
+        scene = self.plan.scene
+        return {
+            count: replace(scene, array=circular_array(microphones=count))
+            for count in self.microphones
+        }
 
     def compare(
         self, stage: str, contestants: Mapping[str, Contestant], **about: Any
@@ -165,11 +178,9 @@ class Setting:
             parameter: what is varied.
             contestants: the variant at work, by value.
         """
-        named = {str(value): contestant for value, contestant in contestants.items()}
-        laps = race(named, laps=self.repetitions, seconds=self.seconds)
-        for value in contestants:
-            own = {variant: laps[str(value)]}
-            yield from times(stage, own, parameter=parameter, value=value)
+        laps = race(contestants, laps=self.repetitions, seconds=self.seconds)
+        for value, own in laps.items():
+            yield from times(stage, {variant: own}, parameter=parameter, value=value)
 
 
 def times(
@@ -203,7 +214,7 @@ def times(
     return found
 
 
-def observations(plan: Plan, count: int, scene: Scene | None = None) -> Observation:
+def observations(plan: Plan, count: int, *, scene: Scene | None = None) -> Observation:
     """Simulate rows of a plan, evenly spaced.
 
     Args:
@@ -219,7 +230,13 @@ def observations(plan: Plan, count: int, scene: Scene | None = None) -> Observat
     for row in np.linspace(0, len(plan) - 1, count).astype(int).tolist():
         rng = stream(plan.seed, "observation", row)
         spot = plan.spot(row, rng)
-        about: dict[str, Any] = {"scene": scene, "levels": spot.levels, "gain_db": spot.gain_db}
-        observation, _ = observe(spot.room, spot.pose, rng=rng, **about)
+        observation, _ = observe(
+            spot.room,
+            spot.pose,
+            scene=scene,
+            levels=spot.levels,
+            gain_db=spot.gain_db,
+            rng=rng,
+        )
         samples.append(observation.samples)
     return Observation(np.stack(samples), scene.probe, scene.array, scene.speed_of_sound)

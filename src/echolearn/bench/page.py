@@ -64,11 +64,12 @@ def measured_on(machine: Mapping[str, Any]) -> str:
 def table(corner: str, cells: Iterable[Cell]) -> str:
     """Return a Markdown table, lines and columns in the order of their cells; "" without any."""
     lines: dict[str, dict[str, str]] = {}
+    columns: dict[str, str] = {}
     for name, column, text in cells:
+        columns[column] = "---"
         line = lines.setdefault(name, {})
         line[column] = f"{line[column]}; {text}" if column in line else text
-    columns = list(dict.fromkeys(column for line in lines.values() for column in line))
-    rows = [[corner, *columns], ["---"] * (1 + len(columns))]
+    rows = [[corner, *columns], ["---", *columns.values()]]
     for name, line in lines.items():
         rows.append([name, *(line.get(column, "") for column in columns)])
     return "\n".join(f"| {' | '.join(row)} |" for row in rows) if lines else ""
@@ -78,12 +79,12 @@ def compared(found: Sequence[Measurement]) -> Iterator[Cell]:
     """Yield what was timed beside its peers, and what has none but is of interest by itself."""
     references = {(m.stage, m.parameter, m.value, m.reference) for m in found}
     for m in found:
-        # A peer stands in the line of what it is compared with.
-        condition = CONDITIONS.get(m.parameter, "").format(m.value)
-        line = f"{TITLES.get(m.stage)}{condition}: {m.reference or m.variant}"
-        own = (m.stage, m.parameter, m.value, m.variant)
         if m.stage not in TITLES or m.measure not in ("wall", "memory"):
             continue
+        # A peer stands in the line of what it is compared with.
+        condition = CONDITIONS.get(m.parameter, "").format(m.value)
+        line = f"{TITLES[m.stage]}{condition}: {m.reference or m.variant}"
+        own = (m.stage, m.parameter, m.value, m.variant)
         if m.reference:
             name = m.variant.removeprefix(f"{m.reference}, ")
             text = f"{name} {seconds(m.spread, brackets=False)}, {with_quartiles(m.ratio)} times"
@@ -131,11 +132,9 @@ def in_unit(m: Measurement) -> str:
     """Return a quantity: seconds, bytes as MiB, rows per second."""
     if m.unit == "s":
         return seconds(m.spread)
-    return (
-        f"{m.spread.median / 2**20:.0f} MiB"
-        if m.unit in ("B", "byte")
-        else with_quartiles(m.spread)
-    )
+    if m.unit in ("B", "byte"):
+        return f"{m.spread.median / 2**20:.0f} MiB"
+    return with_quartiles(m.spread)
 
 
 def seconds(value: Spread, *, brackets: bool = True) -> str:

@@ -10,10 +10,11 @@ import math
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from echolearn.acoustics.geometry import circular_array, microphone_positions
+from echolearn.acoustics.geometry import microphone_positions
 from echolearn.acoustics.types import Array, Pose, Responder, Room
 from echolearn.bench.measurement import Measurement, Setting
 from echolearn.runtime.progress import track
@@ -34,7 +35,7 @@ def time_responses(setting: Setting) -> Iterator[Measurement]:
     scene = setting.plan.scene
     for t60 in track(sorted({*setting.t60, *setting.peer_t60}), "bench rir", unit="T60"):
         room = replace(HALL, t60=t60)
-        contestants = {"images": Contestant(responding(Images(), room, scene))}
+        contestants = {"images": Contestant(responding(Images(), room, scene=scene))}
         if t60 in setting.peer_t60:
             contestants |= peers(room, scene)
         yield from setting.compare("rir", contestants, parameter="t60", value=t60)
@@ -42,23 +43,37 @@ def time_responses(setting: Setting) -> Iterator[Measurement]:
         ball = 4 / 3 * math.pi * (t60 * scene.speed_of_sound) ** 3
         count = ball / math.prod(room.size)
         yield Measurement("rir", "images", "t60", t60, "images", "1", [count])
-    rings = {}
-    for count in setting.microphones:
-        ring = replace(scene, array=circular_array(microphones=count))
-        rings[count] = Contestant(responding(Images(), HALL, ring))
+    rings = {
+        count: Contestant(responding(Images(), HALL, scene=ring))
+        for count, ring in setting.rings.items()
+    }
     yield from setting.grow("rir", "images", parameter="microphones", contestants=rings)
 
 
-def responding(engine: Responder, room: Room, scene: Scene) -> Callable[[], Array]:
-    """Return a call of an engine for all microphones of a scene."""
-    at = microphone_positions(scene.array, PLACE)
-    about = {"sample_rate": scene.probe.sample_rate, "speed_of_sound": scene.speed_of_sound}
-    return lambda: engine(room, PLACE.position, at, **about)
+def responding(
+    engine: Responder, room: Room, *, scene: Scene, pose: Pose = PLACE
+) -> Callable[[], Array]:
+    """Return a call of an engine for all microphones of a scene.
+
+    Args:
+        engine: computes the responses.
+        room: a shoebox.
+        scene: array, sample rate and speed of sound.
+        pose: of the robot.
+    """
+    return partial(
+        engine,
+        room,
+        pose.position,
+        microphone_positions(scene.array, pose),
+        sample_rate=scene.probe.sample_rate,
+        speed_of_sound=scene.speed_of_sound,
+    )
 
 
 def peers(room: Room, scene: Scene) -> dict[str, Contestant]:
     """Return the peers; one that is not installed is left out, with a line about it."""
-    found = {"pyroomacoustics": Contestant(responding(Pyroom(), room, scene), warm=False)}
+    found = {"pyroomacoustics": Contestant(responding(Pyroom(), room, scene=scene), warm=False)}
     try:
         single = habets(room, scene)
     except ModuleNotFoundError:

@@ -10,7 +10,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from echolearn.bench.measurement import Measurement, Setting, times
 from echolearn.bench.responses import HALL
@@ -37,8 +36,9 @@ def robot(setting: Setting) -> Iterator[Measurement]:
     yield from setting.compare("robot", programs)
     scene = setting.plan.scene
     levels = NoiseLevels(0.0, sdnr_db=None if scene.diffuse is None else 0.0)
-    about: dict[str, Any] = {"name": "walk", "poses": POSES, "runs": setting.place}
-    walk = survey(room=HALL, scene=scene, levels=levels, **about)
+    walk = survey(
+        name="walk", room=HALL, scene=scene, levels=levels, poses=POSES, runs=setting.place
+    )
     for folder in track(bundles, "bench robot", unit="bundles"):
         yield from onboard(folder, walk)
 
@@ -55,6 +55,5 @@ def onboard(folder: Path, walk: Path) -> Iterator[Measurement]:
         return
     found = json.loads(done.stdout)
     for who, laps in found["laps"].items():
-        own = {f"{name}, {who}": [Lap(*lap) for lap in laps]}
-        yield from times("robot", own, group=name)
+        yield from times("robot", {f"{name}, {who}": [Lap(*lap) for lap in laps]}, group=name)
     yield Measurement("robot", name, "", "", "memory", "B", [found["memory"]], group=name)

@@ -121,9 +121,10 @@ def check_stages(stages: Sequence[str], *, page: Path | None, scaling: Path | No
     check(len(stages) > 0, "stages", "[]", allowed=allowed, hint=hint)
     for stage in stages:
         check(stage in STAGES, "stages", stage, allowed=allowed, hint=suggest(stage, [*STAGES]))
-    for path, markers in ((page, PAGE), (scaling, SCALING)):
-        if path is not None:
-            around(path, markers)
+    if page is not None:
+        around(page, PAGE)
+    if scaling is not None:
+        around(scaling, SCALING)
     needed = scaling is None or "rows" in stages
     hint = "scaling= is written from it"
     check(needed, "stages", list(stages), allowed="must have rows among them", hint=hint)

@@ -21,9 +21,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from echolearn.acoustics.geometry import microphone_positions
 from echolearn.bench.measurement import Measurement, Setting, times
 from echolearn.bench.memory import peak_memory
+from echolearn.bench.responses import responding
 from echolearn.dataset.generate import generate
 from echolearn.dataset.plans import Plan, Spot
 from echolearn.runtime.engines.processes import Processes
@@ -51,11 +51,8 @@ def generating(setting: Setting) -> Iterator[Measurement]:
         # The peer is not charged for the start of its processes.
         list(pool.map(work, some[:1] * count))
         chunk = max(1, len(some) // 16)
-        peer = Contestant(
-            lambda: sum(pool.map(work, some, chunksize=chunk)),
-            units=len(some) / len(spots),
-            warm=False,
-        )
+        share = len(some) / len(spots)
+        peer = Contestant(lambda: sum(pool.map(work, some, chunksize=chunk)), share, warm=False)
         contestants = {
             processes_of(count): generating_with(setting, count),
             f"{PEER}, {processes_of(count)}": peer,
@@ -85,9 +82,7 @@ def generating_with(setting: Setting, workers: int) -> Contestant:
 
 def respond(scene: Scene, spot: Spot) -> float:
     """Compute the responses at a spot by pyroomacoustics; their sum, lest transport be timed."""
-    at = microphone_positions(scene.array, spot.pose)
-    about = {"sample_rate": scene.probe.sample_rate, "speed_of_sound": scene.speed_of_sound}
-    return float(Pyroom()(spot.room, spot.pose.position, at, **about).sum())
+    return float(responding(Pyroom(), spot.room, scene=scene, pose=spot.pose)().sum())
 
 
 def growing(setting: Setting) -> Iterator[Measurement]:

@@ -113,7 +113,13 @@ def estimating(plan: Plan, observation: Observation) -> Iterator[Step]:
 
 
 def writing(plan: Plan, count: int, place: Path) -> Iterator[Step]:
-    """Yield how records are written: with checksum, sync and rename, or plainly."""
+    """Yield how records are written: with checksum, sync and rename, or plainly.
+
+    Args:
+        plan: of the records.
+        count: number of observations.
+        place: folder for the files.
+    """
     # A real shard: what an array of zeros costs would say nothing of the disk.
     table = records(plan, range(count))
 

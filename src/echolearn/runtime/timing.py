@@ -17,9 +17,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from resource import RUSAGE_CHILDREN, getrusage
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+
+K = TypeVar("K")
 
 SHORTEST = 5e-3
 """Seconds below which the clock, the loop around it and interrupts would show in a lap."""
@@ -96,8 +98,8 @@ def calls_per_lap(contestant: Contestant) -> int:
 
 
 def race(
-    contestants: Mapping[str, Contestant], *, laps: int, seconds: float = math.inf, least: int = 3
-) -> dict[str, list[Lap]]:
+    contestants: Mapping[K, Contestant], *, laps: int, seconds: float = math.inf, least: int = 3
+) -> dict[K, list[Lap]]:
     """Let contestants run in turns.
 
     Args:
@@ -110,7 +112,7 @@ def race(
         Each one's laps, the same number for all: lap i of one ran beside lap i of the others.
     """
     calls = {name: calls_per_lap(contestant) for name, contestant in contestants.items()}
-    taken: dict[str, list[Lap]] = {name: [] for name in contestants}
+    taken: dict[K, list[Lap]] = {name: [] for name in contestants}
     order = list(contestants)
     began = time.perf_counter()
     for number in range(laps):
