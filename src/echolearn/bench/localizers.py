@@ -113,12 +113,14 @@ def literal(localizer: Any, observation: Observation) -> dict[str, Contestant]:
     """
     array = observation.array
     rate = observation.probe.sample_rate
+    first, last = localizer.window.lags(array, rate, speed_of_sound=observation.speed_of_sound)
     known = equations.Recording(
         observation.samples[0],
         observation.probe.samples,
         array.positions,
         azimuth_grid(getattr(localizer, "azimuths", 180)),
-        *localizer.window.lags(array, rate, speed_of_sound=observation.speed_of_sound),
+        first,
+        last,
         rate,
     )
     loading = getattr(localizer, "loading", 0.0)
