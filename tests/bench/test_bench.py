@@ -288,7 +288,7 @@ def test_every_localizer_can_be_timed_and_the_papers_have_their_equations(
 ) -> None:
     localizer = on_grids(every[name], [8]).get(8, every[name])
     scene = replace(few(2).scene, array=circular_array(microphones=3))
-    observation = observations(few(2), 2, scene)
+    observation = observations(few(2), 2, scene=scene)
     contestant = at_work(localizer, observation)
     assert contestant.units == 2
     assert contestant.work().toa.shape[0] == 2  # type: ignore[attr-defined]

@@ -145,7 +145,10 @@ def test_every_experiment_can_be_built(name):
         ({"places": "roof"}, "^places=roof: must be one of corners, walk"),
         ({"walls": (1.0, 40.0)}, r"^walls=\[1.0, 40.0\] m: places=corners puts the robot outside"),
         ({"room": Room((6.0, 5.0, 6.0), 0.25, (0.0,) * 6)}, "^room.walls=.* at least one wall"),
-        ({"places": "walk", "room": Room((2.5, 6.0, 6.0), 0.25)}, "^room.size=2.5 x 6 x 6 m: must have two"),
+        (
+            {"places": "walk", "room": Room((2.5, 6.0, 6.0), 0.25)},
+            "^room.size=2.5 x 6 x 6 m: must have two",
+        ),
         (
             {"places": "walk", "room": HALL, "positions": 900, "trials": 900},
             "^positions=900: must be at most",
