@@ -41,7 +41,7 @@ def run_study(
     resamples: int = 1000,
     command: str | None = None,
 ) -> Path:
-    """Carry out a study, or what is missing of it, and write its table and figures.
+    """Carry out a study, or what is missing of it; write table and figures, return the folder.
 
     Args:
         study: what to vary.
@@ -50,9 +50,6 @@ def run_study(
         workers: processes; the result does not depend on their number.
         resamples: bootstrap draws behind every interval.
         command: what makes the study again, for its manifest; None says nothing about it.
-
-    Returns:
-        The study's folder.
 
     Raises:
         BadValue: an argument out of range, a study of that name made with other settings, or a
