@@ -259,7 +259,7 @@ class TestPairs:
     def test_without_a_common_seed_there_is_nothing_to_pair(self):
         first, second = self.noisy(1.0, 0, 1), self.noisy(1.0, 2, 3)
         assert scoring.pair_seeds(first, second) == []
-        with pytest.raises(BadValue, match=r"^seeds=\[0, 1\]: one at least"):
+        with pytest.raises(BadValue, match=r"^seeds=\[0, 1\]: must have one at least"):
             self.difference(first, second)
 
     def test_rows_of_one_position_swap_together(self):

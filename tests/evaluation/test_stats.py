@@ -138,7 +138,7 @@ def paired(reference, first, second, groups, *, metric="auc", resamples=200, swa
     value, shares = PAIRED[metric]
     return stats.paired_test(
         lambda w: value(reference, first, weights=w) - value(reference, second, weights=w),
-        shares=shares(reference, first, second),
+        shares=shares(reference, first=first, second=second),
         groups=groups,
         weights=stats.cluster_weights(groups, resamples=resamples),
         swaps=swaps,
@@ -169,7 +169,7 @@ def test_swapping_is_linear_in_the_shares(metric):
     else:
         first, second = first > 1, second > 1
     value, shares_of = PAIRED[metric]
-    shares = shares_of(reference, first, second)
+    shares = shares_of(reference, first=first, second=second)
     for _ in range(20):
         swap = rng.integers(2, size=len(reference)).astype(bool)
         one, other = np.where(swap, second, first), np.where(swap, first, second)

@@ -60,6 +60,7 @@ def ranked(comparison: Comparison, training: str) -> list[Model]:
 def chosen(comparison: Comparison) -> Model:
     """Return the headline's best learned model, or its best baseline if none is learned."""
     models = ranked(comparison, headline(comparison))
+    # A baseline may well be best, but what is exported should have learned something.
     learned = [model for model in models if model.role == "learned"]
     return (learned or models)[0]
 

@@ -8,6 +8,8 @@ not redone.
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +54,7 @@ def compare(
     readme: Path | None = None,
     command: str | None = None,
 ) -> Path:
-    """Evaluate all trained runs and write the comparison; a finished one is only shown again.
+    """Evaluate all trained runs and return the comparison's folder; a finished one is only shown.
 
     Args:
         name: name of the folder under `runs/compare`.
@@ -65,29 +67,23 @@ def compare(
         readme: a file whose results table, between markers, is replaced; None leaves it.
         command: what makes the comparison again, for its manifest; None says nothing about it.
 
-    Returns:
-        The comparison's folder.
-
     Raises:
         BadValue: a set or survey that is missing or damaged, no trained runs, or several that
             differ in their settings but not in their name, a README without the markers.
     """
-    runs = Path(runs)
-    folder = runs / "compare" / name
     _check(name, tested=tested, surveys=surveys, resamples=resamples, workers=workers)
     if readme is not None:
         around(readme, report.RESULTS)
-    inputs = load(runs, tested=tested, surveys=surveys, localizers=localizers)
+    inputs = load(Path(runs), tested=tested, surveys=surveys, localizers=localizers)
     known = identity(inputs) | {"resamples": resamples, "report": report.FORMAT}
+    folder = Path(runs) / "compare" / name
 
     def make() -> Path:
         comparison = evaluate(inputs, resamples=resamples, workers=workers)
         about = {"kind": "comparison", "inputs": known} | command_entry(command)
         return _write(folder, comparison, about=about)
 
-    def finished() -> Path | None:
-        return folder if _is_finished(folder, known) else None
-
+    finished = partial(_finished, folder, known)
     once(folder, finished=finished, make=make, doing="makes this comparison")
     report.show(folder, readme=readme)
     return folder
@@ -100,8 +96,13 @@ def _check(
     for key, names in {"tested": tested, "surveys": surveys}.items():
         check_list(key, names)
         known = [str(each) for each in names]
-        check(len(set(known)) == len(known), key, ", ".join(known), allowed="each name only once")
-    check(len(tested) > 0, "tested", "[]", allowed="the name of at least one labelled set")
+        check(
+            len(set(known)) == len(known),
+            key,
+            ", ".join(known),
+            allowed="must hold each name only once",
+        )
+    check(len(tested) > 0, "tested", "[]", allowed="must name at least one labelled set")
     check_whole("resamples", resamples, low=20, high=100_000)
     check_whole("workers", workers, low=1, high=1024)
 
@@ -128,9 +129,10 @@ def load(
     for run in load_runs(runs):
         models[run.model].append(run)
     hint = "run `echolearn train` first"
-    check(len(models) > 0, "runs", runs, allowed="a folder with trained runs", hint=hint)
+    check(len(models) > 0, "runs", runs, allowed="must be a folder with trained runs", hint=hint)
     enough = len(localizers) > 0 or not surveys
-    check(enough, "localizers", "{}", allowed="at least one, to localize the surveys")
+    check(enough, "localizers", "{}", allowed="must hold at least one, to localize the surveys")
+    # A training set's role is wanted also where the set itself is not among those tested.
     plans = [load_manifest(path.parent)["plan"] for path in runs.glob(f"data/*/{MANIFEST}")]
     return Inputs(
         models,
@@ -152,14 +154,16 @@ def identity(inputs: Inputs) -> dict[str, Any]:
     }
 
 
-def _is_finished(folder: Path, inputs: Mapping[str, Any]) -> bool:
-    try:
-        return bool(verify(folder).get("inputs") == inputs)
-    except BadValue:
-        return False
+def _finished(folder: Path, inputs: Mapping[str, Any]) -> Path | None:
+    """Return a comparison's folder if it is whole and made from these inputs."""
+    with suppress(BadValue):
+        if verify(folder).get("inputs") == inputs:
+            return folder
+    return None
 
 
 def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) -> Path:
+    # What an interrupted command or another comparison of this name has left goes first.
     clean(folder)
     files = {
         "results.csv": to_csv(comparison.rows, COLUMNS.split()),
@@ -203,5 +207,5 @@ def find_survey(runs: Path, name: str) -> Path:
     folder = runs / "survey" / name
     finished = (folder / MANIFEST).is_file()
     hint = "run `echolearn survey` for its room and snr_db"
-    check(finished, "surveys", name, allowed="the name of a finished survey", hint=hint)
+    check(finished, "surveys", name, allowed="must be the name of a finished survey", hint=hint)
     return folder

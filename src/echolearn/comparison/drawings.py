@@ -37,6 +37,7 @@ def draw_sets(comparison: Comparison) -> dict[str, str]:
     predictions = {}
     for model in drawn(comparison):
         found = pick(rows, **model._asdict())
+        # A row without an SNR is about all rows of the set.
         bands[model.classifier] = [row for row in found if row["snr_db"]]
         predictions[model.classifier] = predict_rows(comparison.models[model][0], dataset)
     times = {}

@@ -103,6 +103,7 @@ def evaluate_set(models: Models, folder: Path, *, resamples: int) -> Evaluation:
     predictions = {}
     for model, runs in models.items():
         predictions[model] = [predict_rows(run, dataset, held_out=known) for run in runs]
+    # Of the references chance alone has something to say about labels.
     chance = {Model("chance"): [scoring.trivial_predictions(labelled.reference)["chance"]]}
     rows: list[Row] = []
     for model, given in (predictions | chance).items():
@@ -164,6 +165,7 @@ def against_baseline(
         metric: "auc" or "balanced_accuracy".
         snr_db: entry of that column.
     """
+    # A threshold's scale is learned as well, so each training has its own.
     baselines = {}
     for model, given in predictions.items():
         if model.classifier == BASELINE:

@@ -71,10 +71,12 @@ def legend_below(figure: Figure, axis: Axes, *, columns: int = 4) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)
 
 
-def maps(panels: Sequence[Panel], *, columns: int = 2) -> str:
-    """Draw maps side by side, `columns` of them in a row."""
+def maps(panels: Sequence[Panel]) -> str:
+    """Draw maps side by side, two in a row."""
+    columns = 2
     rows = -(-len(panels) // columns)
     sides = [np.ptp(survey.corners, axis=0) for _, survey, _ in panels]
+    # A row is as high as its steepest map, so that all are drawn to one scale.
     slopes = [height / width for width, height in sides]
     height = sum(max(slopes[row * columns : (row + 1) * columns]) for row in range(rows))
 

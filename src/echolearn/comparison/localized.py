@@ -49,6 +49,7 @@ def localize_survey(
     for key in found[0][1]:
         columns[key] = np.concatenate([block[key] for _, block in found])
 
+    # An echo is true if its point lies on a wall: time and direction must both be right.
     placed = echo_map(
         Echoes(**parts), survey.poses, array=survey.array, speed_of_sound=survey.speed_of_sound
     )

@@ -79,7 +79,7 @@ def interval(row: Row | None, scale: float = 1.0, digits: int = 2) -> str:
     return f"{value} [{low}, {high}]" if value and low else value
 
 
-def signed(test: Row, scale: float = 100.0, digits: int = 1) -> str:
+def signed(test: Row, *, scale: float = 100.0, digits: int = 1) -> str:
     """Return a paired difference as `+value [low, high]`, scaled."""
     value, low, high = (
         f"{scale * test[key]:+.{digits}f}" for key in ("difference", "ci_low", "ci_high")

@@ -58,6 +58,7 @@ def placed(rows: Iterable[Row], surveys: Iterable[LocalizedSurvey]) -> list[Row]
     """
     recorded = {survey.labelled.source: survey.snr_db for survey in surveys}
     places = {"": ""}
+    # The shortest title is taken that leaves no two surveys one cell.
     for title in ("{0.room}", "{0.room}, {0.noise}", "{0.tested_on}"):
         places = {source.tested_on: title.format(source) for source in recorded}
         cells = {(places[source.tested_on], snr_db) for source, snr_db in recorded.items()}

@@ -49,5 +49,5 @@ def match_echoes(reference_toa: Array, estimated_toa: Array, *, tolerance: float
 
 
 def _times(name: str, values: Array) -> Array:
-    allowed = "one finite time in s for each, in one row"
+    allowed = "must be one finite time in s for each, in one row"
     return finite_vector(name, values, allowed=allowed)

@@ -34,7 +34,7 @@ CALIBRATION_BINS = 10
 """Equal bins of confidence; each holds its lower edge, the last one also 1."""
 
 
-def validate(reference: Array, estimated: Array, weights: Array | None = None) -> None:
+def validate(reference: Array, estimated: Array, *, weights: Array | None = None) -> None:
     """Check that two columns and the weights belong together.
 
     Args:
@@ -51,16 +51,21 @@ def validate(reference: Array, estimated: Array, weights: Array | None = None) -
         len(shapes[0]) == 1 and shapes[0] == shapes[1],
         "reference, estimated",
         f"{shapes[0]} and {shapes[1]}",
-        allowed="two equal shapes (B,)",
+        allowed="must be two equal shapes (B,)",
         hint="rows of different sets?",
     )
     hint = "class numbers? the paper's class 0, the wall, is True here"
-    _check_bool("reference", reference, hint)
+    _check_bool(reference, name="reference", hint=hint)
     finite = bool(np.isfinite(estimated).all())
-    check(finite, "estimated", "NaN or infinity", allowed="a finite number for each row")
+    check(finite, "estimated", "NaN or infinity", allowed="must be a finite number for each row")
     if weights is not None:
         fits = np.shape(weights)[-1:] == shapes[0]
-        check(fits, "weights", np.shape(weights), allowed="shape (..., B), one for each row")
+        check(
+            fits,
+            "weights",
+            np.shape(weights),
+            allowed="must have shape (..., B), a weight for each row",
+        )
 
 
 def kept(confidence: Array, threshold: float) -> Array:
@@ -82,8 +87,9 @@ def rates(reference: Array, kept: Array, *, weights: Array | None = None) -> dic
         of false rows that are dropped. Balanced accuracy is the mean of these two. F1 is the
         harmonic mean of precision and recall, 0 if all that is true is lost.
     """
-    validate(reference, kept, weights)
-    _check_bool("kept", kept, "a confidence? compare it with the threshold first")
+    validate(reference, kept, weights=weights)
+    _check_bool(kept, name="kept", hint="a confidence? compare it with the threshold first")
+    # The four cells of the confusion table, each weighted at once.
     cells = np.stack([reference & kept, ~reference & kept, reference & ~kept, ~reference & ~kept])
     counts = _weights(reference, weights) @ cells.T.astype(float)
     true_kept, false_kept, true_dropped, false_dropped = np.moveaxis(counts, -1, 0)
@@ -120,11 +126,12 @@ def orders(
         AUC is the chance that a reflector outranks a spurious row, ties counting half. Average
         precision is the area under the precision-recall curve as a sum of steps, not interpolated.
     """
-    true, false = _ladder(reference, confidence, weights)
+    true, false = _ladder(reference, confidence, weights=weights)
     found = np.cumsum(true, axis=-1)
     spurious = np.cumsum(false, axis=-1)
     all_true = true.sum(axis=-1)
     all_false = false.sum(axis=-1)
+    # Spurious rows ranked below each confidence; ties count half.
     below = all_false[..., None] - spurious + false / 2
     precision = np.divide(found, found + spurious, out=np.zeros_like(found), where=found > 0)
     return {
@@ -138,7 +145,7 @@ def auc(reference: Array, confidence: Array, *, weights: Array | None = None) ->
     return orders(reference, confidence, weights=weights)["auc"]
 
 
-def auc_shares(reference: Array, first: Array, second: Array) -> Array:
+def auc_shares(reference: Array, *, first: Array, second: Array) -> Array:
     """Return what each row adds to auc(first) - auc(second): the sign turns if answers are swapped.
 
     Confidences are replaced by their ranks, so that models of different scales can be swapped. A
@@ -157,6 +164,7 @@ def auc_shares(reference: Array, first: Array, second: Array) -> Array:
     validate(reference, first)
     validate(reference, second)
     first, second = rankdata(first), rankdata(second)
+    # Either answer of the other row may be the one it is compared with, so both are counted.
     true_ranks = np.append(first[reference], second[reference])
     false_ranks = np.append(first[~reference], second[~reference])
     above_false = _above(first, false_ranks) - _above(second, false_ranks)
@@ -165,7 +173,7 @@ def auc_shares(reference: Array, first: Array, second: Array) -> Array:
     return shares / (2.0 * reference.sum() * (~reference).sum())
 
 
-def balanced_accuracy_shares(reference: Array, first: Array, second: Array) -> Array:
+def balanced_accuracy_shares(reference: Array, *, first: Array, second: Array) -> Array:
     """Return what each row adds to balanced_accuracy(first) - balanced_accuracy(second).
 
     Args:
@@ -190,7 +198,7 @@ def _above(values: Array, others: Array) -> Array:
 
 def pr_curve(reference: Array, confidence: Array) -> tuple[Array, Array]:
     """Return precision and recall, each (D,), for every distinct confidence, highest first."""
-    true, false = _ladder(reference, confidence, None)
+    true, false = _ladder(reference, confidence)
     found = np.cumsum(true)
     return _ratio(found, found + np.cumsum(false)), _ratio(found, found[-1:])
 
@@ -316,6 +324,7 @@ def evaluate_map(
         "error_p95": error_quantile(error, kept, share=0.95, weights=weights),
     }
     if weights is None:
+        # A union of points has no resamples: without a third of the poses it covers less.
         for whole in (wall_coverage, nearest_neighbour_error):
             found = whole(corners, points, kept=kept, poses=poses)
             values[whole.__name__] = np.asarray(found)
@@ -332,13 +341,15 @@ def _ratio(part: Array, whole: Array) -> Array:
     return ratio
 
 
-def _ladder(reference: Array, confidence: Array, weights: Array | None) -> tuple[Array, Array]:
+def _ladder(
+    reference: Array, confidence: Array, *, weights: Array | None = None
+) -> tuple[Array, Array]:
     """Sum the weights of true and of false rows at each distinct confidence, highest first.
 
     Returns:
         Two arrays of shape (..., D).
     """
-    validate(reference, confidence, weights)
+    validate(reference, confidence, weights=weights)
     order = np.argsort(-confidence, kind="stable")
     steps = np.flatnonzero(np.diff(confidence[order], prepend=np.inf))
     each = np.take(_weights(reference, weights), order, axis=-1)
@@ -355,12 +366,18 @@ def _bins(reference: Array, confidence: Array) -> Array:
     validate(reference, confidence)
     outside = confidence[(confidence < 0) | (confidence > 1)]
     hint = "was a logit given for a confidence?"
-    check(len(outside) == 0, "confidence", outside[:3], allowed="numbers from 0 to 1", hint=hint)
+    check(
+        len(outside) == 0,
+        "confidence",
+        outside[:3],
+        allowed="must be numbers from 0 to 1",
+        hint=hint,
+    )
     number = np.minimum((confidence * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
     member: Array = np.eye(CALIBRATION_BINS)[number]
     return member
 
 
-def _check_bool(name: str, column: Array, hint: str) -> None:
+def _check_bool(column: Array, *, name: str, hint: str) -> None:
     dtype = np.asarray(column).dtype
-    check(dtype.kind == "b", f"{name}.dtype", dtype, allowed="bool", hint=hint)
+    check(dtype.kind == "b", f"{name}.dtype", dtype, allowed="must be bool", hint=hint)

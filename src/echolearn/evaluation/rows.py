@@ -154,6 +154,7 @@ class LocalizedSurvey:
 
 def in_band(snr_db: Array, *, low: float, high: float) -> Array:
     """Tell which SNRs (B,) lie in [low, high) dB; the last band holds its upper end, too."""
+    # Without this the loudest rows, at 40 dB sharp, would be in no band.
     below = snr_db <= high if high == SNR_BANDS_DB[-1][1] else snr_db < high
     return (snr_db >= low) & below
 

@@ -109,6 +109,7 @@ def _bounded(row: Row, trials: int) -> Row:
 
     That is where all of the `trials` points are kept, or none.
     """
+    # Where all resamples agree, a bootstrap would claim to be certain.
     if row["seed"] != "" or row["value"] not in (0.0, 1.0) or trials == 0:
         return row
     found = stats.wilson(round(row["value"] * trials), trials)
@@ -198,7 +199,13 @@ def paired_difference(
     """
     pairs = pair_seeds(first, second)
     seeds = [given.seed for given in first]
-    check(len(pairs) > 0, "seeds", seeds, allowed="one at least that both models were trained with")
+    check(
+        len(pairs) > 0,
+        "seeds",
+        seeds,
+        allowed="must have one at least in common with the other model",
+    )
+    # Pooled over seeds: the positions are the clusters, so seeds make no rows independent.
     rows = np.concatenate([given.rows for given, _ in pairs])
     reference = labelled.reference[rows]
     value, shares = PAIRED[metric]
@@ -211,7 +218,7 @@ def paired_difference(
 
     found = stats.paired_test(
         difference,
-        shares=shares(reference, one, other),
+        shares=shares(reference, first=one, second=other),
         groups=labelled.groups[rows],
         weights=labelled.weights[:, rows],
         swaps=SWAPS,
@@ -232,6 +239,7 @@ def correct(tests: Iterable[Row]) -> list[Row]:
     families: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
         families.setdefault((row["metric"], row["training"]), []).append(row)
+    # Tests of one metric and training are read as one table, so they are corrected as one family.
     for family_rows in families.values():
         adjusted = stats.holm(np.array([row["p"] for row in family_rows]))
         for row, p in zip(family_rows, adjusted, strict=True):

@@ -150,7 +150,12 @@ def paired_test(
         BadValue: columns of unequal lengths, or no rows.
     """
     for name, rows in (("groups", len(groups)), ("weights", weights.shape[-1])):
-        check(rows == len(shares), name, f"{rows} rows", allowed=f"{len(shares)} rows, as shares")
+        check(
+            rows == len(shares),
+            name,
+            f"{rows} rows",
+            allowed=f"must be {len(shares)}, as many as shares",
+        )
     found = interval(difference, weights)
     null = _swapped(shares, groups, swaps=swaps, seed=seed)
     p = math.nan
@@ -173,7 +178,12 @@ def _swapped(shares: Array, groups: Array, *, swaps: int, seed: int) -> Array:
 
 def _clusters(groups: Array) -> tuple[Array, int]:
     """Return each row's cluster as 0, 1, 2 ..., and how many there are."""
-    check(len(groups) > 0, "groups", "no rows", allowed="the group of each row, at least one row")
+    check(
+        len(groups) > 0,
+        "groups",
+        "no rows",
+        allowed="must be the group of each row, of one row at least",
+    )
     found, member = np.unique(groups, return_inverse=True)
     return member, len(found)
 
