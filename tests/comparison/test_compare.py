@@ -265,7 +265,8 @@ def copied(world: World, tmp_path: Path) -> Path:
 BAD: tuple[tuple[dict[str, Any], str], ...] = (
     (
         {"tested": ["grid", "paper"]},
-        "tested=paper: must be the name of exactly one finished set; run `echolearn generate plan=paper`",
+        "tested=paper: must be the name of exactly one finished set; "
+        "run `echolearn generate plan=paper`",
     ),
     ({"tested": []}, "tested=[]: must name at least one labelled set"),
     ({"tested": ["grid", "grid"]}, "tested=grid, grid: must hold each name only once"),
