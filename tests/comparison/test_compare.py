@@ -17,6 +17,7 @@ from echolearn.comparison.compare import (
     compare,
     find_set,
     find_survey,
+    load,
 )
 from echolearn.comparison.evaluate import against_baseline
 from echolearn.comparison.tables import pick
@@ -339,11 +340,14 @@ def test_a_set_of_another_version_is_passed_over(world: World, tmp_path: Path) -
     old, new = (tmp_path / "data" / f"grid-{number:012x}" for number in range(2))
     shutil.copytree(world.sets["grid"].folder, old)
     manifest = manifests.load_manifest(old)
-    manifests.finish(old, manifest | {"format": 1}, manifest["files"])
+    plan = {key: value for key, value in manifest["plan"].items() if key != "role"}
+    manifests.finish(old, manifest | {"format": 1, "plan": plan}, manifest["files"])
     with pytest.raises(BadValue, match=r"another version of echolearn; run `echolearn generate"):
         find_set(tmp_path, "grid")
     shutil.copytree(world.sets["grid"].folder, new)
     assert find_set(tmp_path, "grid") == new
+    (tmp_path / "train").symlink_to(world.runs / "train")
+    assert load(tmp_path, tested=["grid"], surveys=[], localizers={}).roles == {"grid": "grid"}
 
 
 def test_a_set_is_found_by_its_whole_name(world: World, tmp_path: Path) -> None:

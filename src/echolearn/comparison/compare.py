@@ -132,11 +132,12 @@ def load(
     check(len(models) > 0, "runs", runs, allowed="must be a folder with trained runs", hint=hint)
     enough = len(localizers) > 0 or not surveys
     check(enough, "localizers", "{}", allowed="must hold at least one, to localize the surveys")
-    # A training set's role is wanted also where the set itself is not among those tested.
+    # A training set's role is wanted also where the set itself is not among those tested; sets of
+    # another version, which have none, may stand beside them.
     plans = [load_manifest(path.parent)["plan"] for path in runs.glob(f"data/*/{MANIFEST}")]
     return Inputs(
         models,
-        {plan["name"]: plan["role"] for plan in plans},
+        {plan["name"]: plan["role"] for plan in plans if "role" in plan},
         {key: Dataset(find_set(runs, key)) for key in tested},
         {key: find_survey(runs, key) for key in surveys},
         localizers,
