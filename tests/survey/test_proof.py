@@ -24,6 +24,7 @@ def seal(folder: Path) -> None:
     manifests.finish(folder, {"kind": "survey"}, names, largest=manifests.FOREIGN)
 
 
+@pytest.mark.release
 def test_what_a_long_walk_is_made_from_is_not_too_large(brief: Scene, tmp_path: Path) -> None:
     """As of the most poses that there may be, of which but two recordings differ."""
     few = survey(

@@ -118,8 +118,9 @@ def _load(text: str) -> Any:
     if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
         raise ValueError("it holds an alias, *name, by which little text can become endless lists")
 
-    _check_once(yaml.compose(text, Loader=yaml.SafeLoader))
-    return yaml.safe_load(text)
+    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    _check_once(node)
+    return None if node is None else yaml.SafeLoader("").construct_document(node)
 
 
 def _check_once(node: Any) -> None:

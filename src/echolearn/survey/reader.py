@@ -224,7 +224,7 @@ def read_survey(folder: Path) -> Survey:
     check(present or not calibrated, name, "removed", allowed="must be present", hint=hint)
 
     numbers, poses, files = read_poses(folder / "poses.csv")
-    for file in files:
+    for file in dict.fromkeys(files):
         check(inside(folder, file), f"{folder}/poses.csv file", file, allowed=INSIDE)
     return Survey(
         folder=folder,
