@@ -54,6 +54,7 @@ def measure(
     scorers = {name: _with(scorer, name) for name in names}
 
     def steps() -> Iterable[tuple[Observation, Pose]]:
+        """Yield each recording with its pose, read when it is asked for."""
         for number, pose in enumerate(walk.poses):
             observation = walk.observe([number])
             yield replace(observation, samples=observation.samples[0]), pose
@@ -68,6 +69,7 @@ def measure(
     recordings = list(steps())
 
     def take(each: Scorer) -> None:
+        """Take the walk once."""
         for step in recordings:
             each.update(*step)
 

@@ -74,6 +74,7 @@ def generating_with(setting: Setting, workers: int) -> Contestant:
     """Return a whole `generate` into a folder of its own."""
 
     def work() -> None:
+        """Generate the whole set once."""
         with TemporaryDirectory(dir=setting.place) as place:
             generate(setting.plan, runs=Path(place), engine=Processes(workers))
 

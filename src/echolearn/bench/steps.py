@@ -106,6 +106,7 @@ def estimating(plan: Plan, observation: Observation) -> Iterator[Step]:
 
     # A view keeps what it has computed, so each call gets a fresh one.
     def describe() -> object:
+        """Compute the columns of the echoes."""
         view = MatchedFilter(observation, plan.window)
         return features.describe(separate(view, echoes), echoes)
 
@@ -124,6 +125,7 @@ def writing(plan: Plan, count: int, place: Path) -> Iterator[Step]:
     table = records(plan, range(count))
 
     def plainly() -> None:
+        """Save the same rows with no promise about the disk."""
         buffer = BytesIO()
         np.save(buffer, table, allow_pickle=False)
         (place / "plain.npy").write_bytes(buffer.getvalue())

@@ -71,6 +71,7 @@ def platt(decision: Array, y: Array) -> tuple[float, float]:
     target = np.where(y, (positives + 1) / (positives + 2), 1 / (len(y) - positives + 2))
 
     def cost(parameters: Array) -> tuple[float, Array]:
+        """Return the cross-entropy of slope and intercept, and its gradient."""
         logit = parameters[0] * z + parameters[1]
         error = expit(logit) - target
         likelihood = float(np.sum(np.logaddexp(0.0, logit) - target * logit))

@@ -25,6 +25,7 @@ def open_onnx(data: bytes) -> Callable[[Array], Array]:
     session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
 
     def confidence(x: Array) -> Array:
+        """Return the confidences (B,) of inputs (B, ...)."""
         x = np.ascontiguousarray(x, dtype=np.float32)
         found = [np.empty(0)]
         for start in range(0, len(x), BLOCK):

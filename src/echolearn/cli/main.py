@@ -153,6 +153,11 @@ def verify(folders: Sequence[str], *, trace: bool) -> None:
 def run(command: str, words: Sequence[str], *, trace: bool) -> None:
     """Run a command once, or with `-m` for every combination; or show what it would do.
 
+    Args:
+        command: name of the command.
+        words: overrides and options that follow it.
+        trace: whether errors show their traceback.
+
     Raises:
         UsageError: a slip in an option or an override.
     """

@@ -52,6 +52,7 @@ def ranked(comparison: Comparison, training: str) -> list[Model]:
     """Return the models of a training, best balanced accuracy on validation rows first."""
 
     def order(model: Model) -> tuple[float, str]:
+        """Return what runs are ranked by: mean on validation rows, then the name."""
         return -mean(_validated(run) for run in comparison.models[model]), model.classifier
 
     return sorted((one for one in comparison.models if one.training == training), key=order)

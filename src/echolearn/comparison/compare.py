@@ -79,12 +79,12 @@ def compare(
     folder = Path(runs) / "compare" / name
 
     def make() -> Path:
+        """Evaluate everything, and write the comparison."""
         comparison = evaluate(inputs, resamples=resamples, workers=workers)
         about = {"kind": "comparison", "inputs": known} | command_entry(command)
         return _write(folder, comparison, about=about)
 
-    finished = partial(_finished, folder, known)
-    once(folder, finished=finished, make=make, doing="makes this comparison")
+    once(folder, finished=partial(_finished, folder, known), make=make, doing="makes it")
     report.show(folder, readme=readme)
     return folder
 

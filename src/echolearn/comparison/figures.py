@@ -66,7 +66,13 @@ def stroke(number: int) -> dict[str, Any]:
 
 
 def legend_below(figure: Figure, axis: Axes, *, columns: int = 4) -> None:
-    """Explain the lines of an axis below the figure."""
+    """Explain the lines of an axis below the figure.
+
+    Args:
+        figure: drawing that gets the legend.
+        axis: panel whose curves are named.
+        columns: entries beside each other.
+    """
     handles, labels = axis.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)
 
@@ -81,6 +87,7 @@ def maps(panels: Sequence[Panel]) -> str:
     height = sum(max(slopes[row * columns : (row + 1) * columns]) for row in range(rows))
 
     def paint(figure: Figure) -> None:
+        """Draw a panel for each map."""
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
         for axis, (title, survey, kept) in zip(axes, panels, strict=False):
             paint_map(axis, survey, title=title, kept=kept)
@@ -136,6 +143,7 @@ def over_snr(
     """
 
     def paint(figure: Figure) -> None:
+        """Draw a panel for each room."""
         axes = figure.subplots(1, len(panels), squeeze=False, sharey=True).ravel()
         for axis, (title, lines) in zip(axes, panels.items(), strict=True):
             for number, (label, rows) in enumerate(lines.items()):
@@ -178,6 +186,7 @@ def bands(lines: Mapping[str, Sequence[Row]]) -> str:
     """
 
     def paint(figure: Figure) -> None:
+        """Draw the curves over SNR bands."""
         axis = figure.subplots()
         names = list(dict.fromkeys(row["snr_db"] for rows in lines.values() for row in rows))
         lowest = 0.5
@@ -202,6 +211,7 @@ def belief(predictions: Mapping[str, Predictions], labelled: LabelledRows) -> st
     """Draw precision-recall and reliability curves of several models on one labelled set."""
 
     def paint(figure: Figure) -> None:
+        """Draw the two curves side by side."""
         left, right = figure.subplots(1, 2)
         for number, (label, given) in enumerate(predictions.items()):
             reference = labelled.reference[given.rows]
@@ -231,6 +241,7 @@ def arrival_times(sets: Mapping[str, tuple[Array, Array]]) -> str:
     edges = np.linspace(every.min(), every.max(), 65)
 
     def paint(figure: Figure) -> None:
+        """Draw a panel for each set."""
         axes = figure.subplots(1, len(sets), squeeze=False, sharey=True).ravel()
         for axis, (title, (toa, reflector)) in zip(axes, sets.items(), strict=True):
             both = [toa[reflector], toa[~reflector]]

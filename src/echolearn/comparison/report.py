@@ -67,12 +67,24 @@ def template(name: str) -> Any:
 
 
 def number(value: Any, scale: float = 1.0, digits: int = 2) -> str:
-    """Return a figure, scaled; nothing where there is none."""
+    """Return a figure, scaled; nothing where there is none.
+
+    Args:
+        value: figure, or nothing.
+        scale: factor that it is shown with.
+        digits: decimals.
+    """
     return "" if value in ("", None) or np.isnan(value) else f"{scale * value:.{digits}f}"
 
 
 def interval(row: Row | None, scale: float = 1.0, digits: int = 2) -> str:
-    """Return `value [low, high]` of a row, scaled; nothing where there is none."""
+    """Return `value [low, high]` of a row, scaled; nothing where there is none.
+
+    Args:
+        row: figure with its interval, or None.
+        scale: factor that all three are shown with.
+        digits: decimals.
+    """
     if row is None:
         return ""
     value, low, high = (number(row[key], scale, digits) for key in ("value", "ci_low", "ci_high"))
@@ -80,7 +92,13 @@ def interval(row: Row | None, scale: float = 1.0, digits: int = 2) -> str:
 
 
 def signed(test: Row, *, scale: float = 100.0, digits: int = 1) -> str:
-    """Return a paired difference as `+value [low, high]`, scaled."""
+    """Return a paired difference as `+value [low, high]`, scaled.
+
+    Args:
+        test: row of tests.csv.
+        scale: factor that all three are shown with.
+        digits: decimals.
+    """
     value, low, high = (
         f"{scale * test[key]:+.{digits}f}" for key in ("difference", "ci_low", "ci_high")
     )

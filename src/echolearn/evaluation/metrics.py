@@ -108,7 +108,13 @@ def rates(reference: Array, kept: Array, *, weights: Array | None = None) -> dic
 
 
 def balanced_accuracy(reference: Array, kept: Array, *, weights: Array | None = None) -> Array:
-    """Return the mean of recall and specificity; arguments as for `rates`."""
+    """Return the mean of recall and specificity; arguments as for `rates`.
+
+    Args:
+        reference: truth, shape (B,), bool.
+        kept: what survived the filter, shape (B,), bool.
+        weights: counts of the rows, shape (..., B), or None.
+    """
     return rates(reference, kept, weights=weights)["balanced_accuracy"]
 
 
@@ -141,7 +147,13 @@ def orders(
 
 
 def auc(reference: Array, confidence: Array, *, weights: Array | None = None) -> Array:
-    """Return the area under the ROC curve; arguments as for `orders`."""
+    """Return the area under the ROC curve; arguments as for `orders`.
+
+    Args:
+        reference: truth, shape (B,), bool.
+        confidence: beliefs, shape (B,); only their order counts.
+        weights: counts of the rows, shape (..., B), or None.
+    """
     return orders(reference, confidence, weights=weights)["auc"]
 
 

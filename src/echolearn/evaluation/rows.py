@@ -153,7 +153,13 @@ class LocalizedSurvey:
 
 
 def in_band(snr_db: Array, *, low: float, high: float) -> Array:
-    """Tell which SNRs (B,) lie in [low, high) dB; the last band holds its upper end, too."""
+    """Tell which SNRs (B,) lie in [low, high) dB; the last band holds its upper end, too.
+
+    Args:
+        snr_db: ratios, shape (B,), in dB.
+        low: lower end of the band, included, in dB.
+        high: upper end, in dB.
+    """
     # Without this the loudest rows, at 40 dB sharp, would be in no band.
     below = snr_db <= high if high == SNR_BANDS_DB[-1][1] else snr_db < high
     return (snr_db >= low) & below

@@ -50,6 +50,7 @@ def score_labels(
     """
 
     def every(given: Predictions, weights: Array | None) -> Mapping[str, Array]:
+        """Return all metrics of one seed's predictions."""
         return metrics.evaluate_labels(
             labelled.reference[given.rows],
             given.confidence,
@@ -58,6 +59,7 @@ def score_labels(
         )
 
     def banded(given: Predictions, weights: Array | None) -> Mapping[str, Array]:
+        """Return the two metrics that are given for each SNR band."""
         reference = labelled.reference[given.rows]
         return {
             "auc": metrics.auc(reference, given.confidence, weights=weights),
@@ -87,6 +89,7 @@ def score_map(
     """
 
     def every(given: Predictions, weights: Array | None) -> Mapping[str, Array]:
+        """Return all metrics of one seed's map."""
         return metrics.evaluate_map(
             survey.corners,
             survey.points,
@@ -144,6 +147,7 @@ def tabulate(
                 yield common | {"seed": given.seed, "metric": metric} | cells
 
     def over_seeds(weights: Array | None) -> dict[str, Array]:
+        """Return each metric's mean over seeds, for weights (resamples, B) or None."""
         if weights is None:
             return mean_of(each)
         return mean_of([evaluate(given, weights[:, given.rows]) for given in predictions])
@@ -214,6 +218,7 @@ def paired_difference(
     other = np.concatenate([getattr(given, estimated) for _, given in pairs])
 
     def difference(weights: Array | None) -> Array:
+        """Return the difference of the pooled predictions, for weights or None."""
         return value(reference, one, weights=weights) - value(reference, other, weights=weights)
 
     found = stats.paired_test(

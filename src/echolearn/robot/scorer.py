@@ -241,6 +241,7 @@ def _open(bundle: Bundle, name: str, *, run: onnxruntime.RunOptions) -> Callable
     check(found == wanted, f"{name} inputs and outputs", found, allowed=f"must be {wanted}")
 
     def compute(x: Array) -> Array:
+        """Return the confidences (B,) of float32 inputs (B, ...)."""
         try:
             confidence = np.asarray(session.run(["confidence"], {"x": x}, run)[0])
         except Exception as error:

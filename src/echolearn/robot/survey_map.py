@@ -74,6 +74,7 @@ def map_survey(
     folder = Path(runs) / "maps" / name
 
     def make() -> dict[str, Any]:
+        """Write the map, and return its manifest."""
         mapped = score_survey(scorer, walk, resolution=float(resolution))
         files = {key: value for writer in writers for key, value in writer.write(mapped).items()}
         about = describe_map(mapped) | {"inputs": inputs} | manifests.command_entry(command)

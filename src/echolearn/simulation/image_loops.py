@@ -108,11 +108,28 @@ def _add_row(_: Any, grid: Any, at: Any, table: Any, row: Any, weight: Any, slop
     index = ir.IntType(32)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        """Write the instructions of one call.
+
+        Args:
+            context: Numba's way to write instructions.
+            builder: place where they are written.
+            signature: types of the call.
+            arguments: values of the call.
+        """
+
         def eight(kind: Any, array: Any, start: Any) -> Any:
+            """Return eight numbers of an array as one vector.
+
+            Args:
+                kind: type of the numbers.
+                array: numbers that follow each other.
+                start: index of the first one.
+            """
             first = context.make_array(kind)(context, builder, array).data
             return builder.bitcast(builder.gep(first, [start]), vector.as_pointer())
 
         def fill(factor: Any) -> Any:
+            """Return a vector whose eight numbers are all this one."""
             single = builder.insert_element(ir.Constant(vector, ir.Undefined), factor, index(0))
             first = ir.Constant(ir.VectorType(index, TAPS), [0] * TAPS)
             return builder.shuffle_vector(single, single, first)

@@ -223,7 +223,13 @@ def sidecar(path: Path) -> Path:
 
 
 def write_shard(folder: Path, index: int, array: NDArray[Any]) -> None:
-    """Write one shard, and then its size and checksum beside it."""
+    """Write one shard, and then its size and checksum beside it.
+
+    Args:
+        folder: set or study that is being made.
+        index: number of the shard, from 0.
+        array: rows of the shard.
+    """
     path = Path(folder) / shard_name(index)
     save_array(path, array)
     save_json(sidecar(path), _entry(path))

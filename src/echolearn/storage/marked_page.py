@@ -43,6 +43,11 @@ def around(page: Path, markers: Markers) -> tuple[str, str]:
 def write_between(page: Path, text: str, markers: Markers) -> None:
     """Replace the text between the markers of a page, atomically, one command after another.
 
+    Args:
+        page: file that somebody wrote.
+        text: lines that belong between the markers.
+        markers: the two lines around it.
+
     Raises:
         BadValue: as `around` does.
     """

@@ -104,6 +104,7 @@ def draw_metrics(metrics: Sequence[str], *, vary: str, rows: Sequence[Row]) -> s
     """
 
     def paint(figure: Figure) -> None:
+        """Draw the curves of one metric."""
         panels = figure.subplots(1, len(metrics), sharey=True)
         for letter, axis, metric in zip("abcd", panels, metrics, strict=False):
             paint_metric(axis, vary=vary, rows=picked(rows, metric=metric))

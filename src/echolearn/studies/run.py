@@ -63,6 +63,7 @@ def run_study(
     about["resamples"] = resamples
 
     def make() -> Path:
+        """Make what is missing of the study, then its table and figures."""
         estimates = folder / _shards_of(about["study"])
         clean(estimates)
         missing = manifests.missing_shards(estimates, len(study.values))

@@ -143,6 +143,7 @@ def held_out_figures(run: Run, dataset: Dataset, *, resamples: int) -> dict[str,
     labelled = label_rows(dataset, resamples=resamples)
 
     def evaluate(weights: Array | None) -> dict[str, Array]:
+        """Return all metrics of the held-out rows."""
         return metrics.evaluate_labels(
             labelled.reference[predicted.rows],
             predicted.confidence,

@@ -164,7 +164,7 @@ def _finished(
         found = manifests.verify(folder)
     except BadValue:
         return None
-    same = (found | about) == found
+    same = {**found, **about} == found
     same = same and all((folder / name).read_bytes() == data for name, data in files.items())
     return folder if same else None
 

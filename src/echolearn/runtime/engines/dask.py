@@ -231,6 +231,7 @@ def _share_out(
     expected = versions()
 
     def submit(count: int) -> dict[Any, T]:
+        """Hand one job to the cluster."""
         return {
             client.submit(do_alone, work, expected, job, pure=False): job
             for job in islice(rest, count)
