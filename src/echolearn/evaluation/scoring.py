@@ -203,12 +203,9 @@ def paired_difference(
     """
     pairs = pair_seeds(first, second)
     seeds = [given.seed for given in first]
-    check(
-        len(pairs) > 0,
-        "seeds",
-        seeds,
-        allowed="must have one at least in common with the other model",
-    )
+    common = len(pairs) > 0
+    check(common, "seeds", seeds, allowed="must have one at least in common with the other model")
+
     # Pooled over seeds: the positions are the clusters, so seeds make no rows independent.
     rows = np.concatenate([given.rows for given, _ in pairs])
     reference = labelled.reference[rows]

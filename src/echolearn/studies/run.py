@@ -52,8 +52,7 @@ def run_study(
         command: what makes the study again, for its manifest; None says nothing about it.
 
     Raises:
-        BadValue: an argument out of range, a study of that name made with other settings, or a
-            folder that cannot be written.
+        BadValue: an argument out of range, or a study of that name made with other settings.
     """
     check_name("name", name)
     check_whole("workers", workers, low=1, high=1024)
