@@ -246,7 +246,15 @@ def test_the_mean_of_other_noise_is_the_mean_of_its_draws(hovering, received):
     assert 0.1 < quieter < 0.5  # few lines: a quarter, about
 
 
-@pytest.mark.parametrize("pings", [0, 1.5, "many", True])
-def test_no_ping_at_all_is_refused(pings):
-    with refused("pings="):
-        NoiseLevels(0.0, pings=pings)
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("pings", (0, 1.5, "many", True)),
+        ("snr_db", ("loud", float("nan"))),
+        ("sdnr_db", ("loud", -101.0)),
+    ],
+)
+def test_bad_levels_are_refused(name, values):
+    for value in values:
+        with refused(f"{name}={value}"):
+            NoiseLevels(**{"snr_db": 0.0} | {name: value})
