@@ -80,4 +80,4 @@ def test_columns_that_do_not_belong_together_are_refused(
     poses: int, confidence: list[float] | None, message: str
 ) -> None:
     with pytest.raises(BadValue, match=message):
-        echo_map(some_echoes(2), [Pose(np.zeros(3))] * poses, array=ARRAY, confidence=confidence)  # type: ignore[arg-type]
+        echo_map(some_echoes(2), [Pose(np.zeros(3))] * poses, array=ARRAY, confidence=confidence)

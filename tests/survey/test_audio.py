@@ -86,7 +86,7 @@ def test_a_file_that_was_cut_is_refused(tmp_path: Path, frames: int) -> None:
 
 @pytest.mark.parametrize("length", [399, 400])
 def test_other_chunks_and_odd_sizes_are_no_damage(tmp_path: Path, length: int) -> None:
-    """An odd number of bytes is padded to an even one, and whoever recorded may have left a note."""
+    """An odd number of bytes is padded, and whoever recorded may have left a note."""
     note = b"note" + (5).to_bytes(4, "little") + b"rain\0\0"
     soundfile.write(tmp_path / "a.wav", SAMPLES[0, :length], 22050, subtype="PCM_24")
     data = (tmp_path / "a.wav").read_bytes() + note

@@ -69,6 +69,7 @@ def _belief(confidence: Array | None, *, count: int) -> Array:
     belief = np.asarray(confidence, dtype=float).reshape(-1)
     allowed = f"must have one value for each of {count} echoes"
     check(len(belief) == count, "confidence", f"{len(belief)} values", allowed=allowed)
+    # NaN is neither, and so refused.
     inside = bool(((belief >= 0) & (belief <= 1)).all())
     hint = "was a logit given for a confidence?"
     check(inside, "confidence", belief, allowed="must be from 0 to 1", hint=hint)

@@ -100,6 +100,7 @@ def _longest(points: Array, members: Array) -> Array:
         return members
     centred = points[members] - points[members].mean(axis=0)
     along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    # Sorted along the line, a gap is a step between neighbours.
     order = np.argsort(along)
     groups = np.split(order, np.flatnonzero(np.diff(along[order]) > GAP) + 1)
     return np.sort(members[max(groups, key=len)])

@@ -83,6 +83,7 @@ def read_bundle(folder: Path) -> Bundle:
     place = folder / manifests.BUNDLE
     allowed = "must be a folder that echolearn export wrote"
     manifests.check_folder("bundle", folder, allowed=allowed)
+    # Both are folders, named one after the other on the command line.
     swapped = (folder / "survey.yaml").is_file() and not place.exists()
     hint = "this is a survey; did you swap survey and bundle?"
     check(not swapped, "bundle", folder, allowed=allowed, hint=hint)
@@ -93,6 +94,7 @@ def read_bundle(folder: Path) -> Bundle:
     except BadValue as error:
         raise BadValue(f"{place} {error}") from None
 
+    # Sizes and checksums come before any parser sees a byte.
     data = {}
     for name, limit in LIMITS.items():
         data[name] = untrusted_files.read_bytes(folder / name, limit=limit)
@@ -127,6 +129,8 @@ def _refuse(constant: str) -> NoReturn:
 
 def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: Path) -> Bundle:
     """Return the bundle that files of the right size and checksum describe."""
+    # From here on every key has the type and range that `schema.TABLE` says; what is left is
+    # whether they agree with each other and with the files.
     array = MicArray(np.array(about["array"], dtype=float))
     inputs, shape = _inputs(about, len(array))
 
@@ -172,6 +176,7 @@ def _inputs(about: Mapping[str, Any], microphones: int) -> tuple[tuple[str, ...]
         allowed="must be one tensor, or columns that are there once",
     )
 
+    # The same number in ms would be taken for one in s without a word.
     units = [column["unit"] for column in about["columns"]]
     meant = [UNITS.get(name, "1") for name in names]
     check(units == meant, "columns", units, allowed=f"must be the units {meant}")
@@ -208,6 +213,7 @@ def localizer_of(*, name: str, arguments: Mapping[str, Any], window: SearchWindo
     )
     module = import_module(f"{methods.__name__}.{name}")
     classes = {key.lower(): value for key, value in vars(module).items() if isinstance(value, type)}
+    # A localizer checks the range of its arguments itself.
     names = {field.name for field in fields(classes[name]) if field.init} - {"window"}
     odd = sorted(set(arguments) - names)
     allowed = f"must be some of {', '.join(sorted(names))}"

@@ -46,6 +46,7 @@ def mount_angle(bundle: Bundle, *, array: MicArray, probe: Probe) -> float:
         mend = f"`echolearn map resample=true`, or: sox in.wav -r {rate:g} out.wav"
         raise BadValue(f"{rates}; resample with {mend}")
 
+    # Positions can be compared only where there are as many.
     count = len(bundle.array)
     check(len(array) == count, "microphones", len(array), allowed=f"must be {count}, the bundle's")
     angle, off = _turn(bundle.array.positions, array.positions)
@@ -53,6 +54,7 @@ def mount_angle(bundle: Bundle, *, array: MicArray, probe: Probe) -> float:
     shown = f"one is off by {off * 1000:.1f} mm"
     check(off <= DISPLACED, "microphones", shown, allowed=allowed, hint=OTHER_ARRAY)
 
+    # A gain does not matter, so it is the normalised correlation that tells.
     likeness = _correlation(probe.samples, bundle.probe.samples)
     shown = f"correlates {likeness:.3f} with the bundle's"
     hint = "play the bundle's probe.wav, or train with yours"

@@ -62,8 +62,10 @@ def write_map(folder: Path, files: Files, *, about: Mapping[str, Any]) -> dict[s
         check(free, str(path), "no plain file", allowed="must be a file of a map, or none")
         free = path.parent.is_dir() or not path.parent.exists()
         check(free, str(path.parent), "a file", allowed="must be a folder, or none")
+    # Two surveys of one name share a folder unless they are told apart by name=.
     _tell_replaced(folder, about["inputs"])
 
+    # What a killed command or the map before has left would seem to be part of this one.
     bag = (folder / BAG[0]).parent
     clean(folder)
     clean(bag)

@@ -111,6 +111,7 @@ def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
     check(known, "schema", schema, allowed=f"must be 2 or {SCHEMA}", hint=hint)
     about = {"command": None, **content, "schema": SCHEMA}
     check_plain("", about, table=TABLE)
+    # It is the one thing that has changed since then.
     if schema == 2:
         about["localizer"] = about["localizer"] | {"name": _short(about["localizer"]["name"])}
     return about

@@ -173,6 +173,7 @@ def load(path: str | Path) -> Scorer:
     bundle = read_bundle(Path(path))
     name = f"{path}/model.onnx"
     options = onnxruntime.RunOptions()
+    # A model that never ends is ended by the option that every run looks at.
     timer = Timer(PATIENCE, setattr, (options, "terminate", True))
     timer.daemon = True
     timer.start()
@@ -222,6 +223,7 @@ def _open(bundle: Bundle, name: str, *, run: onnxruntime.RunOptions) -> Callable
     _limit_memory()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
+    # Its complaints come as exceptions, which are told in one line.
     options.log_severity_level = 4
     options.add_session_config_entry("session.use_env_allocators", "1")
     options.add_session_config_entry("session.load_model_format", "ONNX")

@@ -119,6 +119,7 @@ def open_survey(folder: Path, bundle: Bundle, *, resample: bool, direct: str | N
     hint = f"the rate is too low: the bundle listens up to {rate / 2:g} Hz"
     place = f"{folder}/survey.yaml sample_rate"
     check(given >= rate, place, f"{given:g} Hz", allowed=f"must be at least {rate:g} Hz", hint=hint)
+    # Above half the lower rate nothing was recorded, which no filter brings back.
     walk = replace(walk, rate=rate if resample else None)
     try:
         mount_angle(bundle, array=walk.array, probe=walk.emitted)

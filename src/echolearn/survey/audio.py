@@ -37,6 +37,7 @@ def read_recording(path: Path, sample_rate: float, *, shape: tuple[int, int]) ->
     Raises:
         BadValue: as `read_wav` and `read_flac`, or another number of channels or samples.
     """
+    # No sample has more than 8 bytes, so a larger file cannot be what is wanted.
     check_size(path, min(LARGEST, 8 * shape[0] * shape[1] + HEADERS))
     if path.suffix.lower() == ".flac":
         samples = read_flac(path, sample_rate, shape=shape)

@@ -110,6 +110,7 @@ def read_description(path: Path) -> dict[str, Any]:
 
 def _load(text: str) -> Any:
     """Return what plain YAML holds, without aliases, every key once."""
+    # Counted by hand: the parser itself would run out of stack.
     depth = 0
     for character in text:
         depth += (character in "[{") - (character in "]}")
@@ -118,6 +119,7 @@ def _load(text: str) -> Any:
     if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
         raise ValueError("it holds an alias, *name, by which little text can become endless lists")
 
+    # The tree of nodes still has both of two equal keys; the mapping made of it would not.
     node = yaml.compose(text, Loader=yaml.SafeLoader)
     _check_once(node)
     return None if node is None else yaml.SafeLoader("").construct_document(node)

@@ -100,6 +100,7 @@ def read_poses(path: Path) -> tuple[tuple[int, ...], tuple[Pose, ...], tuple[str
         raise BadValue(f"{path}: cannot be read ({reason}); its columns are {columns}") from None
     check(len(rows) > 0, str(path), "no rows", allowed="must hold at least one pose")
 
+    # Compared as numbers: 3 and 03 name the same pose.
     numbers = tuple(row["index"] for row in rows)
     [(most, times)] = Counter(numbers).most_common(1)
     allowed = "must have each number once"

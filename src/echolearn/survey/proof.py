@@ -66,12 +66,14 @@ def prove_manifest(folder: Path) -> frozenset[str]:
         raise BadValue(f"{error}; {CHANGED}") from None
     kind = manifest.get("kind")
     check(kind == "survey", f"{place} kind", kind, allowed="must be survey", hint=CHANGED)
+    # A manifest of nothing would prove any folder.
     entries = manifest["files"]
     check("survey.yaml" in entries, f"{folder / 'survey.yaml'}", "unknown", allowed=NAMED)
 
     mend = f"{CHANGED}; else {manifests.repair_hint(manifest)}"
     for name, entry in entries.items():
         size = entry["bytes"]
+        # Limited before it is hashed, which would take for ever with a terabyte.
         limit = LIMITS.get(name, LIMITS.get(Path(name).suffix.lower(), OTHER))
         check(size <= limit, f"{place} {name}", f"{size} bytes", allowed=f"must be at most {limit}")
         check_file(folder / name, size=size, expected=entry["sha256"], mend=mend)

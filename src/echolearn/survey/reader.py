@@ -191,6 +191,7 @@ def blocks(survey: Survey) -> list[range]:
     They are few enough that their recordings fit into memory.
     """
     count = len(survey.poses)
+    # One recording is read even if it alone is larger than that.
     size = max(1, min(BLOCK, SAMPLES // (len(survey.array) * survey.probe.length)))
     return [range(start, min(start + size, count)) for start in range(0, count, size)]
 
@@ -213,6 +214,7 @@ def read_survey(folder: Path) -> Survey:
     swapped = (folder / manifests.BUNDLE).is_file() and not (folder / "survey.yaml").exists()
     hint = "this is a bundle; did you swap survey and bundle?"
     check(not swapped, "survey", folder, allowed=allowed, hint=hint)
+    # A link could make the map a copy of any file of this machine.
     for name in ("survey.yaml", "probe.wav", "poses.csv", NOISE, CALIBRATION):
         check(inside(folder, name), f"{folder}/{name}", "a link", allowed=INSIDE)
 

@@ -73,6 +73,7 @@ def cells(walk: MappedWalk) -> tuple[Array, Origin]:
     The cells have the shape (height, width), int8, row 0 the smallest y: 100 is occupied, 0 is
     free, -1 is unknown.
     """
+    # From the pixels, so that both say the same after rounding.
     pixels, origin = image(walk)
     occupied = (255.0 - pixels[::-1]) / 255.0
     known = np.where(occupied > OCCUPIED, 100, np.where(occupied < FREE, 0, -1))

@@ -51,6 +51,7 @@ LATCHED = interfaces.Qos(
 def write(walk: MappedWalk) -> Files:
     """Return the bag."""
     store = get_typestore(Stores.ROS2_HUMBLE)
+    # rosbags writes folders only.
     with TemporaryDirectory() as scratch:
         folder = (Path(scratch) / BAG[0]).parent
         with Writer(folder, version=8, storage_plugin=StoragePlugin.MCAP) as writer:

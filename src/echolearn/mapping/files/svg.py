@@ -22,6 +22,7 @@ STYLE = """\
 def write(walk: MappedWalk) -> Files:
     """Return the drawing."""
     outline = np.empty((0, 2)) if walk.outline is None else walk.outline
+    # Everything is to be seen, half a metre from the edge.
     everything = np.concatenate([walk.map.points, walk.path[:, :2], outline])
     low = everything.min(axis=0) - 0.5
     high = everything.max(axis=0) + 0.5
