@@ -1,1 +1,1 @@
-"""Trained runs judged on sets and surveys: tables, tests, figures, a report."""
+"""Trained runs on test sets and surveys: tables, tests, figures, a report."""
