@@ -17,7 +17,7 @@ from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Room
 from echolearn.cli import config
 from echolearn.comparison.choice import Comparison
-from echolearn.comparison.compare import load
+from echolearn.comparison.compare import load_inputs
 from echolearn.comparison.evaluate import evaluate
 from echolearn.dataset.generate import folder_of
 from echolearn.dataset.labelled_set import FORMAT, Dataset
@@ -157,7 +157,7 @@ def pack(world: World, classifier: str, runs: Path, **changes: Any) -> Path:
 def evaluated(world: World) -> Comparison:
     """Return the comparison of the world."""
     keys = ("runs", "tested", "surveys", "localizers")
-    inputs = load(**{key: world.arguments[key] for key in keys})
+    inputs = load_inputs(**{key: world.arguments[key] for key in keys})
     return evaluate(inputs, resamples=50, workers=1)
 
 

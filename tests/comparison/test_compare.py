@@ -17,7 +17,7 @@ from echolearn.comparison.compare import (
     compare,
     find_set,
     find_survey,
-    load,
+    load_inputs,
 )
 from echolearn.comparison.evaluate import against_baseline
 from echolearn.comparison.tables import pick
@@ -346,7 +346,8 @@ def test_a_set_of_another_version_is_passed_over(world: World, tmp_path: Path) -
     shutil.copytree(world.sets["grid"].folder, new)
     assert find_set(tmp_path, "grid") == new
     (tmp_path / "train").symlink_to(world.runs / "train")
-    assert load(tmp_path, tested=["grid"], surveys=[], localizers={}).roles == {"grid": "grid"}
+    inputs = load_inputs(tmp_path, tested=["grid"], surveys=[], localizers={})
+    assert inputs.roles == {"grid": "grid"}
 
 
 def test_a_set_is_found_by_its_whole_name(world: World, tmp_path: Path) -> None:

@@ -8,13 +8,13 @@ from sklearn import metrics as oracle
 from sklearn.calibration import calibration_curve
 
 from echolearn.checks import BadValue
-from echolearn.evaluation import metrics
+from echolearn.evaluation import map_metrics, metrics
 
 REFERENCE = np.array([True, True, True, False, False, True, False, False])
 CONFIDENCE = np.array([0.9, 0.8, 0.3, 0.7, 0.2, 0.6, 0.6, 0.1])
 KEPT = CONFIDENCE >= 0.5  # 3 true and 2 false kept, 1 true and 2 false dropped
 LABELS = partial(metrics.evaluate_labels, threshold=0.5)
-ERRORS = [metrics.error_mean, partial(metrics.error_quantile, share=0.5)]
+ERRORS = [map_metrics.error_mean, partial(map_metrics.error_quantile, share=0.5)]
 
 
 @pytest.fixture
@@ -67,15 +67,15 @@ def test_reliability_by_hand():
 def test_errors_by_hand():
     error = np.array([0.4, 0.1, 9.0, 0.2, 0.3])
     kept = np.array([True, True, False, True, True])
-    assert metrics.error_mean(error, kept) == pytest.approx(0.25)
-    assert metrics.error_quantile(error, kept, share=0.5) == 0.2
-    assert metrics.error_quantile(error, kept, share=0.95) == 0.4
+    assert map_metrics.error_mean(error, kept) == pytest.approx(0.25)
+    assert map_metrics.error_quantile(error, kept, share=0.5) == 0.2
+    assert map_metrics.error_quantile(error, kept, share=0.95) == 0.4
 
 
 def test_quantile_share_is_exact_at_whole_counts():
     error = np.arange(1.0, 101.0)
     for percent in range(1, 101):
-        assert metrics.error_quantile(error, np.full(100, True), share=percent / 100) == percent
+        assert map_metrics.error_quantile(error, np.full(100, True), share=percent / 100) == percent
 
 
 def test_labels_agree_with_scikit_learn(rows):
@@ -190,7 +190,7 @@ MAP = {
 
 
 def evaluated(**changes):
-    found = metrics.evaluate_map(CORNERS, POINTS, **MAP | changes)
+    found = map_metrics.evaluate_map(CORNERS, POINTS, **MAP | changes)
     return {name: value.tolist() for name, value in found.items()}
 
 
@@ -215,7 +215,7 @@ def test_map_by_hand():
 def test_a_point_at_the_tolerance_is_true():
     case = {"kept": np.array([True]), "confidence": np.array([0.5]), "poses": POSES}
     for height, share in ((0.1, 1.0), (0.1001, 0.0)):
-        found = metrics.evaluate_map(CORNERS, np.array([[4.0, height]]), **case)
+        found = map_metrics.evaluate_map(CORNERS, np.array([[4.0, height]]), **case)
         assert found["precision"] == share
 
 
@@ -239,8 +239,8 @@ def test_a_map_turned_with_its_room_has_the_same_figures():
     shift = np.array([3.0, -2.0])
     # At the tolerance itself rounding would decide.
     points = POINTS + np.array([[0, 0], [0.02, 0], [0, 0], [0, 0]])
-    here = metrics.evaluate_map(CORNERS, points, **MAP)
+    here = map_metrics.evaluate_map(CORNERS, points, **MAP)
     turned = MAP | {"poses": POSES @ turn + shift}
-    there = metrics.evaluate_map(CORNERS @ turn + shift, points @ turn + shift, **turned)
+    there = map_metrics.evaluate_map(CORNERS @ turn + shift, points @ turn + shift, **turned)
     for name, value in here.items():
         assert float(there[name]) == pytest.approx(float(value)), name

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from echolearn.checks import BadValue
-from echolearn.evaluation import scoring, stats
+from echolearn.evaluation import pairs, scoring, stats
 from echolearn.evaluation.rows import (
     LabelledRows,
     LocalizedSurvey,
@@ -229,9 +229,9 @@ class TestPairs:
         return found
 
     def difference(self, first, second, metric="balanced_accuracy", exam=EXAM):
-        return scoring.paired_difference(first, second, labelled=exam, metric=metric)
+        return pairs.paired_difference(first, second, labelled=exam, metric=metric)
 
-    @pytest.mark.parametrize("metric", scoring.PAIRED)
+    @pytest.mark.parametrize("metric", pairs.PAIRED)
     def test_the_better_one_is_ahead_whichever_way_one_looks(self, metric):
         good, bad = self.noisy(0.5, 0), self.noisy(4.0, 0)
         ahead, behind = self.difference(good, bad, metric), self.difference(bad, good, metric)
@@ -258,7 +258,7 @@ class TestPairs:
 
     def test_without_a_common_seed_there_is_nothing_to_pair(self):
         first, second = self.noisy(1.0, 0, 1), self.noisy(1.0, 2, 3)
-        assert scoring.pair_seeds(first, second) == []
+        assert pairs.pair_seeds(first, second) == []
         with pytest.raises(BadValue, match=r"^seeds=\[0, 1\]: must have one at least"):
             self.difference(first, second)
 
@@ -280,11 +280,11 @@ def test_holm_counts_the_tests_of_the_same_metric_and_training():
         ("balanced_accuracy", "a", 0.5),
     ):
         tests += [{"metric": metric, "training": training, "p": p} for p in values]
-    corrected = [row["p_holm"] for row in scoring.correct(tests)]
+    corrected = [row["p_holm"] for row in pairs.correct(tests)]
     assert corrected == pytest.approx([0.03, 0.06, 0.06, 0.5, 0.5])
     assert "p_holm" not in tests[0]
-    assert scoring.correct([]) == []
+    assert pairs.correct([]) == []
 
 
 def test_the_smallest_p_value_is_significant_among_eighty_tests():
-    assert 80 / (1 + scoring.SWAPS) < 0.02
+    assert 80 / (1 + pairs.SWAPS) < 0.02

@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import norm, rankdata
 
 from echolearn.checks import BadValue
-from echolearn.evaluation import metrics, stats
-from echolearn.evaluation.scoring import PAIRED
+from echolearn.evaluation import map_metrics, metrics, stats
+from echolearn.evaluation.pairs import PAIRED
 
 
 def clustered(rng, *, shared=1.0):
@@ -20,7 +20,7 @@ def of_mean(values, by, *, resamples=1000, seed=0):
     """Return the interval of a mean."""
     weights = stats.cluster_weights(by, resamples=resamples, seed=seed)
     every = np.full(len(values), True)
-    return stats.interval(lambda w: metrics.error_mean(values, every, weights=w), weights)
+    return stats.interval(lambda w: map_metrics.error_mean(values, every, weights=w), weights)
 
 
 def test_weights_draw_whole_clusters_with_replacement():

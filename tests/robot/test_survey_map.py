@@ -20,7 +20,7 @@ from echolearn.acoustics.geometry import distance_to_outline, outline
 from echolearn.acoustics.types import Array, Pose
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
-from echolearn.evaluation.metrics import MAP_TOLERANCE
+from echolearn.evaluation.map_metrics import MAP_TOLERANCE
 from echolearn.mapping.mapped_walk import BAG
 from echolearn.robot.scorer import load
 from echolearn.robot.survey_map import map_survey, score_survey

@@ -74,7 +74,7 @@ def compare(
     _check(name, tested=tested, surveys=surveys, resamples=resamples, workers=workers)
     if readme is not None:
         around(readme, report.RESULTS)
-    inputs = load(Path(runs), tested=tested, surveys=surveys, localizers=localizers)
+    inputs = load_inputs(Path(runs), tested=tested, surveys=surveys, localizers=localizers)
     known = identity(inputs) | {"resamples": resamples, "report": report.FORMAT}
     folder = Path(runs) / "compare" / name
 
@@ -107,7 +107,7 @@ def _check(
     check_whole("workers", workers, low=1, high=1024)
 
 
-def load(
+def load_inputs(
     runs: Path,
     *,
     tested: Sequence[str],

@@ -11,7 +11,7 @@ from echolearn.comparison.choice import Comparison
 from echolearn.comparison.localized import localize_survey
 from echolearn.comparison.tables import SHOWN_DB
 from echolearn.dataset.labelled_set import Dataset
-from echolearn.evaluation import scoring
+from echolearn.evaluation import pairs, scoring
 from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Model, Predictions, Row
 from echolearn.localization.localizer import Localizer
 from echolearn.runtime.processes import processes
@@ -80,7 +80,7 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
         done = [job.result() for job in waiting]
     rows = [row for found in done for row in found.rows]
     # All tests of a family are corrected together, so only when all of them are known.
-    tests = scoring.correct(row for found in done for row in found.tests)
+    tests = pairs.correct(row for found in done for row in found.tests)
     localized = {key: found.survey for key, found in zip(jobs, done, strict=True) if found.survey}
     return Comparison(models, inputs.roles, sets, localized, rows, tests)
 
@@ -173,7 +173,7 @@ def against_baseline(
     for model, given in predictions.items():
         baseline = baselines.get(model.training, ())
         leaky = model.split == "row"
-        if model.classifier != BASELINE and not leaky and scoring.pair_seeds(given, baseline):
-            found = scoring.paired_difference(given, baseline, labelled=labelled, metric=metric)
+        if model.classifier != BASELINE and not leaky and pairs.pair_seeds(given, baseline):
+            found = pairs.paired_difference(given, baseline, labelled=labelled, metric=metric)
             about = model.columns() | labelled.source._asdict()
             yield about | {"against": BASELINE, "snr_db": snr_db} | found

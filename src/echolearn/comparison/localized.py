@@ -12,7 +12,7 @@ from echolearn.acoustics.signals import joint_db
 from echolearn.acoustics.types import Echoes
 from echolearn.checks import BadValue, is_number
 from echolearn.evaluation import stats
-from echolearn.evaluation.metrics import MAP_TOLERANCE
+from echolearn.evaluation.map_metrics import MAP_TOLERANCE
 from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Recordings
 from echolearn.localization.localize import localize
 from echolearn.localization.localizer import Localizer

@@ -37,8 +37,8 @@ from echolearn.acoustics.signals import noise_covariance, noise_psd
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array, Observation
 from echolearn.dataset.plans import Plan, Spot
+from echolearn.evaluation.map_metrics import MAP_TOLERANCE
 from echolearn.evaluation.matching import TOA_TOLERANCE_SAMPLES, UNMATCHED, match_echoes
-from echolearn.evaluation.metrics import MAP_TOLERANCE
 from echolearn.localization.localize import localize
 from echolearn.simulation.observe import NOISE_SECONDS, add_noise, noise_alone
 from echolearn.simulation.scene import Scene

@@ -1,20 +1,19 @@
 """Evaluate models: on labelled sets row by row, on surveys by the map they leave.
 
 Every figure is the mean over a model's seeds. Its interval is a bootstrap over positions (or poses)
-that all models share. Two models are compared on the same rows, seed by seed.
+that all models share.
 
-The rows are those of `results.csv` and `tests.csv`: the columns of `rows.Model` and
+The rows are those of `results.csv`: the columns of `rows.Model` and
 `rows.Recordings`, then seed (empty: mean over seeds), snr_db (empty: all; "low:high": a band), n,
 metric, value, ci_low, ci_high.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check
-from echolearn.evaluation import metrics, stats
+from echolearn.evaluation import map_metrics, metrics, stats
 from echolearn.evaluation.rows import (
     SNR_BANDS_DB,
     LabelledRows,
@@ -24,15 +23,6 @@ from echolearn.evaluation.rows import (
     Row,
     in_band,
 )
-
-SWAPS = 5000
-"""Permutations behind a p value; 1 / 5001 times the tests of a family must lie well below 0.05."""
-
-PAIRED = {
-    "auc": (metrics.auc, metrics.auc_shares),
-    "balanced_accuracy": (metrics.balanced_accuracy, metrics.balanced_accuracy_shares),
-}
-"""Metrics in which two models are compared, each with what a row adds to the difference."""
 
 Evaluate = Callable[[Predictions, Array | None], Mapping[str, Array]]
 """Metrics by name, of predictions and of weights (resamples, B) or None."""
@@ -90,7 +80,7 @@ def score_map(
 
     def every(given: Predictions, weights: Array | None) -> Mapping[str, Array]:
         """Return all metrics of one seed's map."""
-        return metrics.evaluate_map(
+        return map_metrics.evaluate_map(
             survey.corners,
             survey.points,
             kept=given.kept,
@@ -174,76 +164,3 @@ def trivial_predictions(reference: Array) -> dict[str, Predictions]:
         "chance": np.random.default_rng(0).uniform(size=len(rows)),
     }
     return {name: Predictions(0, rows, values, 0.5) for name, values in confidence.items()}
-
-
-def pair_seeds(
-    first: Sequence[Predictions], second: Sequence[Predictions]
-) -> list[tuple[Predictions, Predictions]]:
-    """Return pairs of the same seed; a lone one of the second goes with each of the first."""
-    alone = len(second) == 1
-    return [(a, b) for a in first for b in second if alone or a.seed == b.seed]
-
-
-def paired_difference(
-    first: Sequence[Predictions],
-    second: Sequence[Predictions],
-    *,
-    labelled: LabelledRows,
-    metric: str,
-) -> Row:
-    """Test whether two models differ in a metric, on the same rows, pooled over common seeds.
-
-    Args:
-        first, second: what they say, about the same rows seed by seed.
-        labelled: the test set.
-        metric: "auc" (of confidence) or "balanced_accuracy" (of what is kept).
-
-    Raises:
-        BadValue: no seed in common.
-    """
-    pairs = pair_seeds(first, second)
-    seeds = [given.seed for given in first]
-    common = len(pairs) > 0
-    check(common, "seeds", seeds, allowed="must have one at least in common with the other model")
-
-    # Pooled over seeds: the positions are the clusters, so seeds make no rows independent.
-    rows = np.concatenate([given.rows for given, _ in pairs])
-    reference = labelled.reference[rows]
-    value, shares = PAIRED[metric]
-    estimated = "confidence" if metric == "auc" else "kept"
-    one = np.concatenate([getattr(given, estimated) for given, _ in pairs])
-    other = np.concatenate([getattr(given, estimated) for _, given in pairs])
-
-    def difference(weights: Array | None) -> Array:
-        """Return the difference of the pooled predictions, for weights or None."""
-        return value(reference, one, weights=weights) - value(reference, other, weights=weights)
-
-    found = stats.paired_test(
-        difference,
-        shares=shares(reference, first=one, second=other),
-        groups=labelled.groups[rows],
-        weights=labelled.weights[:, rows],
-        swaps=SWAPS,
-    )
-    return {
-        "metric": metric,
-        "difference": found.value,
-        "ci_low": found.low,
-        "ci_high": found.high,
-        "p": found.p,
-        "n": len(np.unique(labelled.groups[rows])),
-    }
-
-
-def correct(tests: Iterable[Row]) -> list[Row]:
-    """Add Holm's correction, as `p_holm`, for the tests of the same metric and training set."""
-    rows = [dict(row) for row in tests]
-    families: dict[tuple[str, ...], list[Row]] = {}
-    for row in rows:
-        families.setdefault((row["metric"], row["training"]), []).append(row)
-    # Tests of one metric and training are read as one table, so they are corrected as one family.
-    for family_rows in families.values():
-        adjusted = stats.holm(np.array([row["p"] for row in family_rows]))
-        for row, p in zip(family_rows, adjusted, strict=True):
-            row["p_holm"] = float(p)
-    return rows

@@ -140,7 +140,7 @@ def paired_test(
 
     Args:
         difference: metric of the first minus that of the second.
-        shares: what each row adds to it, shape (B,), such as `metrics.auc_shares`.
+        shares: what each row adds to it, shape (B,), such as `pairs.auc_shares`.
         groups: cluster of each row, shape (B,).
         weights: resamples of `cluster_weights`, shape (resamples, B).
         swaps: permutations behind the p value.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from echolearn.checks import BadValue, check
-from echolearn.evaluation.metrics import evaluate_map
+from echolearn.evaluation.map_metrics import evaluate_map
 from echolearn.mapping.mapped_walk import BAG, Files, MappedWalk
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic

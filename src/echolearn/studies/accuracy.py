@@ -29,7 +29,7 @@ from echolearn.acoustics.geometry import (
 )
 from echolearn.acoustics.types import Array, Observation, Pose, Room
 from echolearn.checks import BadValue
-from echolearn.evaluation.metrics import MAP_TOLERANCE
+from echolearn.evaluation.map_metrics import MAP_TOLERANCE
 from echolearn.localization.faults import SilentMicrophone
 from echolearn.localization.localizer import Localizer
 from echolearn.simulation.scene import Scene

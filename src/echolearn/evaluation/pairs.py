@@ -1,0 +1,150 @@
+"""Test whether two models differ, on the same rows, seed by seed: the rows of `tests.csv`.
+
+A metric can be tested if its difference is linear in the swaps of `stats.paired_test`: then each
+row has a share of it, whose sign turns when the two answers about that row are swapped.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from scipy.stats import rankdata
+
+from echolearn.acoustics.types import Array
+from echolearn.checks import check
+from echolearn.evaluation import metrics, stats
+from echolearn.evaluation.metrics import validate
+from echolearn.evaluation.rows import LabelledRows, Predictions, Row
+
+SWAPS = 5000
+"""Permutations behind a p value; 1 / 5001 times the tests of a family must lie well below 0.05."""
+
+
+def auc_shares(reference: Array, *, first: Array, second: Array) -> Array:
+    """Return what each row adds to auc(first) - auc(second): the sign turns if answers are swapped.
+
+    Confidences are replaced by their ranks, so that models of different scales can be swapped. A
+    pair of a reflector i and a spurious row j adds K(a_i, a_j) - K(b_i, b_j), K = 1, 1/2 or 0 as
+    the reflector is above, level or below. Over the four ways to swap i and j that is linear in the
+    signs s_i, s_j, with the weights 1/2 sum_j [K(a_i, .) - K(b_i, .)] and 1/2 sum_i [K(., a_j) -
+    K(., b_j)], where . runs over both answers.
+
+    Args:
+        reference: shape (B,), bool.
+        first, second: confidences of the two, shape (B,).
+
+    Returns:
+        Shape (B,).
+    """
+    validate(reference, first)
+    validate(reference, second)
+    first, second = rankdata(first), rankdata(second)
+    # Either answer of the other row may be the one it is compared with, so both are counted.
+    true_ranks = np.append(first[reference], second[reference])
+    false_ranks = np.append(first[~reference], second[~reference])
+    above_false = _above(first, false_ranks) - _above(second, false_ranks)
+    above_true = _above(first, true_ranks) - _above(second, true_ranks)
+    shares = np.where(reference, above_false, -above_true)
+    return shares / (2.0 * reference.sum() * (~reference).sum())
+
+
+def balanced_accuracy_shares(reference: Array, *, first: Array, second: Array) -> Array:
+    """Return what each row adds to balanced_accuracy(first) - balanced_accuracy(second).
+
+    Args:
+        reference: shape (B,), bool.
+        first, second: what each of the two keeps, shape (B,), bool.
+
+    Returns:
+        Shape (B,).
+    """
+    validate(reference, first)
+    validate(reference, second)
+    true_share = 0.5 / max(reference.sum(), 1)
+    false_share = 0.5 / max((~reference).sum(), 1)
+    return (first.astype(float) - second) * np.where(reference, true_share, -false_share)
+
+
+def _above(values: Array, others: Array) -> Array:
+    """Return how many of `others` each value is above, ties counting half."""
+    rising = np.sort(others)
+    return (np.searchsorted(rising, values, "left") + np.searchsorted(rising, values, "right")) / 2
+
+
+PAIRED = {
+    "auc": (metrics.auc, auc_shares),
+    "balanced_accuracy": (metrics.balanced_accuracy, balanced_accuracy_shares),
+}
+"""Metrics in which two models are compared, each with what a row adds to the difference."""
+
+
+def pair_seeds(
+    first: Sequence[Predictions], second: Sequence[Predictions]
+) -> list[tuple[Predictions, Predictions]]:
+    """Return pairs of the same seed; a lone one of the second goes with each of the first."""
+    alone = len(second) == 1
+    return [(a, b) for a in first for b in second if alone or a.seed == b.seed]
+
+
+def paired_difference(
+    first: Sequence[Predictions],
+    second: Sequence[Predictions],
+    *,
+    labelled: LabelledRows,
+    metric: str,
+) -> Row:
+    """Test whether two models differ in a metric, on the same rows, pooled over common seeds.
+
+    Args:
+        first, second: what they say, about the same rows seed by seed.
+        labelled: the test set.
+        metric: "auc" (of confidence) or "balanced_accuracy" (of what is kept).
+
+    Raises:
+        BadValue: no seed in common.
+    """
+    pairs = pair_seeds(first, second)
+    seeds = [given.seed for given in first]
+    common = len(pairs) > 0
+    check(common, "seeds", seeds, allowed="must have one at least in common with the other model")
+
+    # Pooled over seeds: the positions are the clusters, so seeds make no rows independent.
+    rows = np.concatenate([given.rows for given, _ in pairs])
+    reference = labelled.reference[rows]
+    value, shares = PAIRED[metric]
+    estimated = "confidence" if metric == "auc" else "kept"
+    one = np.concatenate([getattr(given, estimated) for given, _ in pairs])
+    other = np.concatenate([getattr(given, estimated) for _, given in pairs])
+
+    def difference(weights: Array | None) -> Array:
+        """Return the difference of the pooled predictions, for weights or None."""
+        return value(reference, one, weights=weights) - value(reference, other, weights=weights)
+
+    found = stats.paired_test(
+        difference,
+        shares=shares(reference, first=one, second=other),
+        groups=labelled.groups[rows],
+        weights=labelled.weights[:, rows],
+        swaps=SWAPS,
+    )
+    return {
+        "metric": metric,
+        "difference": found.value,
+        "ci_low": found.low,
+        "ci_high": found.high,
+        "p": found.p,
+        "n": len(np.unique(labelled.groups[rows])),
+    }
+
+
+def correct(tests: Iterable[Row]) -> list[Row]:
+    """Add Holm's correction, as `p_holm`, for the tests of the same metric and training set."""
+    rows = [dict(row) for row in tests]
+    families: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        families.setdefault((row["metric"], row["training"]), []).append(row)
+    # Tests of one metric and training are read as one table, so they are corrected as one family.
+    for family_rows in families.values():
+        adjusted = stats.holm(np.array([row["p"] for row in family_rows]))
+        for row, p in zip(family_rows, adjusted, strict=True):
+            row["p_holm"] = float(p)
+    return rows
