@@ -38,6 +38,7 @@ def noise_probe(
         "probe.length", length, low=burst, unit="samples", hint="the recording must hold the burst"
     )
     check_number("probe.sample_rate", sample_rate, low=1000.0, high=400_000.0, unit="Hz")
+    # Rounded before anything else sees it, so that the burst and its WAV file are one.
     samples = np.random.default_rng(seed).standard_normal(burst).astype(np.float32)
     return Probe(samples.astype(float), float(sample_rate), length)
 
@@ -74,12 +75,14 @@ def energy_under_probe(samples: Array, probe: Probe, *, first: int, last: int) -
     touched = samples[..., first : last + burst]
     missing = max(last + burst - first - touched.shape[-1], 0)
     square = np.pad(touched**2, [(0, 0)] * (samples.ndim - 1) + [(1, missing)])
+    # A running sum serves all lags at once; the zero before it makes lag 0 like the others.
     total = np.cumsum(square, axis=-1)
     return total[..., burst:] - total[..., : last - first + 1]
 
 
 def stft(samples: Array, *, frame: int = STFT_FRAME) -> Array:
     """Return short-time spectra of (..., N): Hann window, half overlap, shape (..., F, T)."""
+    # A periodic window: its half-overlapping copies add up to a constant.
     hop = frame // 2
     frames = np.lib.stride_tricks.sliding_window_view(samples, frame, axis=-1)[..., ::hop, :]
     window = np.hanning(frame + 1)[:-1].astype(samples.dtype)
@@ -94,6 +97,7 @@ def convolve(samples: Array, response: Array, *, length: int) -> Array:
         response: shape (..., K).
         length: number of samples wanted.
     """
+    # As long as the whole convolution, so that its end does not wrap around to the beginning.
     size = fft.next_fast_len(len(samples) + response.shape[-1] - 1, real=True)
     full = fft.irfft(fft.rfft(samples, size) * fft.rfft(response, size), size)[..., :length]
     return np.pad(full, [(0, 0)] * (full.ndim - 1) + [(0, length - full.shape[-1])])

@@ -70,6 +70,7 @@ def _can_be_forked() -> bool:
 
     But for the one that waits for the parent's end (`_begin`), which holds no lock.
     """
+    # A thread that holds a lock does not come along into a copy, so nobody would release it.
     known = 1 + sum(thread.name == WATCH for thread in enumerate_threads())
     threads = Path("/proc/self/task")
     if THREADED & sys.modules.keys() or not threads.is_dir():
@@ -111,6 +112,7 @@ def _begin(first: Callable[[], object] | None) -> None:
 
     An interrupt ends it at once.
     """
+    # The pool hands an interrupt on only when a job ends, which may take minutes.
     signal(SIGINT, SIG_DFL)
     Thread(target=_end_with_parent, daemon=True, name=WATCH).start()
     if first is not None:

@@ -75,6 +75,7 @@ def exponent(x: Sequence[float], seconds: Sequence[float]) -> float:
 
 def cpu_seconds() -> float:
     """Return the CPU time of this process and of those it started that have ended."""
+    # Work shared out among processes would else seem to cost nothing.
     ended = getrusage(RUSAGE_CHILDREN)
     return time.process_time() + ended.ru_utime + ended.ru_stime
 
@@ -93,6 +94,7 @@ def calls_per_lap(contestant: Contestant) -> int:
     """Warm a contestant up, and return how many calls of it last at least `SHORTEST`."""
     if not contestant.warm:
         return 1
+    # The first call fills caches and compiles; what it takes says nothing of the next.
     lap(contestant)
     return max(1, math.ceil(SHORTEST / max(lap(contestant).wall * contestant.units, 1e-9)))
 
