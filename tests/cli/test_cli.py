@@ -131,8 +131,42 @@ MISTAKES = """
 1 | generate plan.margin=0.1 | pose.position=(0.1, 0.1, 0.1) m: the array of radius 0.2 m must be
 1 | generate scene._target_=os.system | _target_=os.system: must be a function or class defined in
 1 | train plan=tiny | must be a set that exists under runs/data; run: echolearn generate plan=tiny
+2 | train -m plan=glob(zz*) | error: plan=glob(zz*): matches nothing; known are offgrid_10x8x6,
+2 | train -m seed=glob(*) | error: seed=glob(*): matches nothing$
+2 | train -m seed=range(0) | error: seed=range(0): matches nothing$
+2 | generate -m plan=tiny,papr | plan has no option papr
+2 | generate plan=zzz | plan has no option zzz; known are offgrid_10x8x6,
+2 | generate plan.room.size.x=1 | there is no key plan.room.size.x
+2 | generate plann=paper | there is no key plann; did you mean plan?
+2 | generate ++new=1 | there is no key new
+2 | generate ~runs | keys are set, runs=value, not deleted$
+2 | generate ~plan.sdnr_db | keys are set, plan.sdnr_db=value, not deleted$
+2 | generate ~nothing | there is no key nothing
+2 | generate runs=a,b | several values need -m
+2 | generate plan=[ | cannot be read; are quotes or brackets missing?$
+2 | generate choice.plan=x | there is no key choice.plan
+2 | generate command=x | there is no key command
+2 | generate hydra.run.dir=x | hydra's own settings are fixed
+2 | generate hydra/sweeper=basic | hydra's own settings are fixed
+2 | generate runs=${nowhere} | nowhere
+2 | generate runs=??? | Missing mandatory value
+2 | generate plan.room=null | plan.room=null: plan.room cannot be null
+2 | generate window=null | window cannot be null
+2 | generate plan=null | plan=null: plan cannot be left out; it must be one of
+2 | bench plan@growing=null | error: plan@growing=null: plan@growing cannot be left out; it must be
+2 | map runs=null | error: runs=null: runs cannot be null
+2 | map resampel=1 | error: resampel=1: there is no key resampel; did you mean resample
+2 | map survey | error: survey: cannot be read; it is no key=value
+2 | map survey=[a | cannot be read; are quotes or brackets missing?$
+2 | map survey={a | cannot be read; are quotes or brackets missing?$
+2 | map survey=a"b | cannot be read; are quotes or brackets missing?$
+2 | map ' | cannot be read; it is no key=value$
+1 | map runs=[a] | error: runs=['a']: must be a path; quote it twice
+1 | map bundle={a:1} | error: bundle={'a': 1}: must be a path
+1 | map name=[a] | error: name=['a']: must be a name
+1 | survey rir.order=3 | error: scene.rir.order=3: there is no such key; it has none$
 1 | survey room.size=[8,6] | room.size=[8, 6]: must be three lengths in m
-1 | compare | runs=runs: a folder with trained runs
+1 | compare | runs=runs: must be a folder with trained runs
 1 | map | survey=None: must be a folder in the recorded-survey format; name it:
 2 | verify | verify: name one or more folders
 1 | verify nowhere | folder=nowhere: must be a folder that echolearn made; there is no such folder
@@ -158,7 +192,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing_behind(
     assert out == ""
     assert err.startswith("error: ")
     assert err.count("\n") == 1
-    assert said in err
+    assert said in err.replace("\n", "$")
     assert list(here.iterdir()) == []
 
 

@@ -51,15 +51,16 @@ def test_a_finished_folder_gives_its_manifest_the_same_bytes_each_time(
     assert finished(tmp_path) == made
 
 
-def damaged(sound: Sound, name: str, content: bytes) -> str:
-    """Return what `verify` says when one file of the sound folder holds `content` instead."""
+def damaged(sound: Sound, name: str, content: bytes | None) -> str:
+    """Return what `verify` says when a file of the sound folder holds `content`, or is gone."""
     folder, made = sound
-    (folder / name).write_bytes(content)
+    path = folder / name
+    path.unlink() if content is None else path.write_bytes(content)
     try:
         with pytest.raises(BadValue) as caught:
             manifests.verify(folder)
     finally:
-        (folder / name).write_bytes(made[name])
+        path.write_bytes(made[name])
     assert name in str(caught.value)
     assert "\n" not in str(caught.value)
     return str(caught.value)
@@ -78,33 +79,21 @@ def test_any_flipped_bit_and_any_truncation_is_detected(
 
 
 def test_damage_is_named_with_the_command_that_mends_it(sound: Sound) -> None:
-    said = damaged(sound, "shard-00001.npy", sound[1]["shard-00001.npy"][:-1])
     mend = "run again: echolearn generate plan=tiny"
-    assert said.endswith(f"shard-00001.npy: damaged, 167 bytes instead of 168; {mend}")
+    short = damaged(sound, "shard-00001.npy", sound[1]["shard-00001.npy"][:-1])
+    assert short.endswith(f"shard-00001.npy: damaged, 167 bytes instead of 168; {mend}")
+    gone = damaged(sound, "config.json", None)
+    assert gone.endswith(f"config.json: cannot be read (No such file or directory); {mend}")
 
 
-@pytest.mark.parametrize(
-    ("command", "own"),
-    [
-        ("echolearn train 'name=a b'", True),
-        ("echolearn train; rm -r x", False),
-        ("echolearn train\nrm", False),
-        ("echolearn 'train", False),
-        ("rm -r x", False),
-        (None, False),
-    ],
-)
-def test_only_a_command_line_of_ones_own_is_advised(command: str | None, own: bool) -> None:
-    advice = manifests.repair_hint({"command": command})
-    assert advice == (f"run again: {command}" if own else "make it again as it was made")
+FOREIGN = ["echolearn train; rm -r x", "echolearn train\nrm", "echolearn 'train", "rm -r x", None]
 
 
-def test_a_missing_file_is_damage(tmp_path: Path) -> None:
-    finished(tmp_path)
-    (tmp_path / "config.json").unlink()
-    said = r"config\.json: cannot be read \(No such file or directory\); run again: echolearn"
-    with pytest.raises(BadValue, match=said):
-        manifests.verify(tmp_path)
+def test_only_a_command_line_of_ones_own_is_advised() -> None:
+    own = "echolearn train 'name=a b'"
+    assert manifests.repair_hint({"command": own}) == f"run again: {own}"
+    advised = {manifests.repair_hint({"command": command}) for command in FOREIGN}
+    assert advised == {"make it again as it was made"}
 
 
 @pytest.mark.parametrize(
@@ -123,28 +112,24 @@ def test_a_folder_without_manifest_is_not_finished(tmp_path: Path) -> None:
 def test_the_largest_set_is_read_again() -> None:
     """As many shards of a megabyte as a set may have: their entries are of equal length."""
     name = manifests.shard_name(manifests.MOST)
-    few, more = (
-        len(
-            files.json_bytes({f"{name}{i}": {"bytes": 10**6, "sha256": 64 * "0"} for i in range(n)})
-        )
-        for n in (1, 2)
-    )
-    assert (more - few) * manifests.MOST < manifests.LARGEST
+    entry = {"bytes": 10**6, "sha256": 64 * "0"}
+    one = len(files.json_bytes({f"{name}1": entry}))
+    two = len(files.json_bytes({f"{name}1": entry, f"{name}2": entry}))
+    assert (two - one) * manifests.MOST < manifests.LARGEST
 
 
 def test_a_manifest_that_nobody_would_read_is_not_written(tmp_path: Path) -> None:
     """What the shards are known by stays, so that nothing is lost."""
-    names = [manifests.shard_name(index) for index in range(2)]
-    for index in range(2):
-        manifests.write_shard(tmp_path, index, np.arange(5.0))
+    name = manifests.shard_name(0)
+    manifests.write_shard(tmp_path, 0, np.arange(5.0))
     before = contents(tmp_path)
     about = {"plan": "x" * 1000}
-    said = r"1\d\d\d bytes: at most 1000 bytes; it names 2 files; of a set, make plan"
+    said = r"1\d\d\d bytes: at most 1000 bytes; it names 1 files; of a set, make plan"
     with pytest.raises(BadValue, match=said):
-        manifests.finish(tmp_path, about, names, largest=1000)
+        manifests.finish(tmp_path, about, [name], largest=1000)
     assert contents(tmp_path) == before
-    size = len(files.json_bytes(manifests.finish(tmp_path, about, names)))
-    assert manifests.load_manifest(tmp_path, largest=size)["plan"] == "x" * 1000
+    size = len(files.json_bytes(manifests.finish(tmp_path, about, [name])))
+    assert manifests.load_manifest(tmp_path, largest=size)["plan"] == about["plan"]
     with pytest.raises(BadValue, match=f"={size} bytes: at most {size - 1} bytes"):
         manifests.load_manifest(tmp_path, largest=size - 1)
 

@@ -29,13 +29,6 @@ path = Path(sys.argv[1])
     )
 
 
-def count(path: Path) -> None:
-    """Add one to the number in a file, a hundred times."""
-    for _ in range(100):
-        with locked(path):
-            path.write_text(str(int(path.read_text()) + 1))
-
-
 COUNT = """
 for _ in range(100):
     with locked(path):
@@ -48,7 +41,7 @@ def test_processes_and_threads_change_a_file_one_at_a_time(tmp_path: Path) -> No
     path.write_text("0")
     counting = [python(COUNT, path) for _ in range(2)]
     with ThreadPoolExecutor() as pool:
-        list(pool.map(count, [path] * 2))
+        list(pool.map(exec, [COUNT] * 2, [{"path": path, "locked": locked}] * 2))
     assert [process.wait() for process in counting] == [0, 0]
     assert path.read_text() == "400"
     assert list(tmp_path.iterdir()) == [path]
@@ -110,18 +103,16 @@ def test_a_thing_is_made_once_whoever_comes_second(
         made.append(1)
         return 1
 
-    def ask(_: int) -> int:
-        return once(
-            tmp_path / "thing",
-            finished=lambda: made[0] if made else None,
-            make=make,
-            doing="makes it",
-        )
+    def found() -> int | None:
+        return made[0] if made else None
+
+    def ask() -> int:
+        return once(tmp_path / "thing", finished=found, make=make, doing="makes it")
 
     with ThreadPoolExecutor() as pool:
-        first = pool.submit(ask, 0)
+        first = pool.submit(ask)
         begun.wait()
-        assert ask(1) == first.result() == ask(2) == 1
+        assert ask() == first.result() == ask() == 1
     assert made == [1]
     assert capfd.readouterr().err == "thing: waiting for another command that makes it\n"
 

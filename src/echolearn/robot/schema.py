@@ -14,13 +14,12 @@ from echolearn.checks import (
     check,
     check_metres,
     check_number,
-    check_plain,
     check_text,
     check_whole,
-    nullable,
 )
 from echolearn.localization.columns import COVARIANCE_BANDS
 from echolearn.storage import manifests
+from echolearn.storage.tables import check_plain, nullable
 
 SCHEMA = 3
 """Version of the format that is written."""

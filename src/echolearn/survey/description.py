@@ -20,11 +20,10 @@ from echolearn.checks import (
     check,
     check_metres,
     check_number,
-    check_plain,
     check_whole,
-    nullable,
 )
 from echolearn.storage.files import one_line
+from echolearn.storage.tables import check_plain, nullable
 from echolearn.survey.audio import check_size
 
 LARGEST_YAML = 1 << 17

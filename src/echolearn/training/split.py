@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check, check_number, check_plain, check_whole
+from echolearn.checks import check, check_number, check_whole
 from echolearn.classifiers.inputs import COVARIANCE, Rows, rows_of, view_of
 from echolearn.dataset.labelled_set import Dataset
+from echolearn.storage.tables import check_plain
 
 SHARE = partial(check_number, low=0.01, high=0.9)
 FIELDS = {
