@@ -46,7 +46,7 @@ def scored(scorer: Scorer, walk: reader.Survey, observation: Observation) -> Sco
 
 @pytest.fixture(scope="module")
 def run(world: World) -> Run:
-    [found] = [r for r in load_runs(world.runs) if r.classifier == "trees_features"]
+    [found] = [r for r in load_runs(world.runs) if r.model.classifier == "trees_features"]
     return found
 
 
