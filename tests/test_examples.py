@@ -22,7 +22,10 @@ EXAMPLE, SHORT = EXAMPLES / "read_bundle.py", EXAMPLES / "survey" / "short"
 
 def read(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run the example where echolearn cannot be imported."""
-    code = "import runpy, sys; sys.modules['echolearn'] = None; runpy.run_path(sys.argv.pop(1), run_name='__main__')"
+    code = (
+        "import runpy, sys; sys.modules['echolearn'] = None; "
+        "runpy.run_path(sys.argv.pop(1), run_name='__main__')"
+    )
     command, environment = [sys.executable, "-c", code, EXAMPLE, *words], os.environ | environment
     return subprocess.run(command, capture_output=True, text=True, env=environment)  # type: ignore[arg-type]
 
