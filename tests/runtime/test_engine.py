@@ -233,7 +233,9 @@ def test_the_command_line_reaches_a_running_scheduler(
     assert err.splitlines()[-1] == f"generate {made.name}: 23 of 23 shards"
     waiting = f"engine.address={address(about)}: no workers yet, waiting for the first"
     told = (f"generate {made.name}: ", waiting)
-    assert [line for line in err.splitlines() if not line.startswith(told)] == []
+    said = [line for line in err.splitlines() if not line.startswith(told)]
+    # Dask itself may say that it asks again for what only the lost worker held.
+    assert [line for line in said if "Couldn't gather" not in line] == []
     assert shards(made) == whole(MANY)
     assert [path.name for path in here.iterdir()] == ["runs"]
 
