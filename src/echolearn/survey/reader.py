@@ -90,7 +90,7 @@ class Survey:
             BadValue: a recording that is missing, has another sample rate, number of channels or
                 length, or NaN; or such a calibration or noise.
         """
-        samples = np.stack([self._read(self.files[pose]) for pose in poses])
+        samples = np.stack([self.recording(pose) for pose in poses])
         if self.direct:
             gain = direct_path.free_field(self.array) if self.direct == "analytic" else None
             samples = direct_path.remove(samples, self.arrivals, gain=gain)
@@ -175,9 +175,13 @@ class Survey:
         check(fits, str(path), samples.shape, allowed=allowed)
         return samples
 
-    def _read(self, name: str) -> Array:
-        """Return the recording of a pose, shape (M, N)."""
-        path = self.folder / name
+    def recording(self, pose: int) -> Array:
+        """Return what was recorded at a pose, as it was recorded, shape (M, N).
+
+        Raises:
+            BadValue: as `observe`.
+        """
+        path = self.folder / self.files[pose]
         shape = (len(self.array), self.probe.length)
         samples = audio.read_recording(path, self.probe.sample_rate, shape=shape)
         hint = "was the recorder running?"
