@@ -18,7 +18,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from importlib import import_module
-from io import BytesIO
 from pathlib import Path
 from pkgutil import iter_modules
 from typing import Any, NoReturn
@@ -137,7 +136,7 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
     rate = float(about["sample_rate"])
     length = about["probe"]["length"]
     name = f"{folder}/probe.wav"
-    padded = wav_samples(BytesIO(data["probe.wav"]), rate, name=name)
+    padded = wav_samples(data["probe.wav"], rate, name=name)
     check(padded.shape == (1, length), name, padded.shape, allowed=f"must be (1, {length}) samples")
     burst = burst_of(padded, name=name)
     given = about["probe"]["burst"]

@@ -1,6 +1,6 @@
-"""Audio files of surveys: WAV by SciPy, FLAC by soundfile where it is installed.
+"""Audio files of surveys: WAV (`wav.py`), FLAC by soundfile where it is installed.
 
-    float32 or PCM of 8, 16, 24 or 32 bits  ->  float64, shape (M, N), PCM scaled to -1 ... 1
+    float or PCM of 8 to 64 bits  ->  float64, shape (M, N), PCM scaled to -1 ... 1
 
 A file from a stranger is data: its size is limited, and of FLAC, which packs an hour of silence
 into a page, what the header declares is compared with what is wanted before anything is unpacked.
@@ -8,7 +8,6 @@ FLAC has a checksum in every frame, so a flipped bit is an error there; in WAV i
 """
 
 import shlex
-import warnings
 from io import BytesIO
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from scipy.io import wavfile
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check
 from echolearn.storage.files import one_line
+from echolearn.survey import wav
 
 LARGEST = 64 << 20
 """Bytes that an audio file may have."""
@@ -51,17 +51,21 @@ def read_wav(path: Path, sample_rate: float) -> Array:
     """Return a WAV file's samples as float64, shape (M, N).
 
     Raises:
-        BadValue: as `wav_samples`, or the file is too large.
+        BadValue: as `wav_samples`, or the file is absent or too large.
     """
     check_size(path, LARGEST)
-    return wav_samples(path, sample_rate, name=str(path))
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise BadValue(f"{path}: cannot be read as WAV ({one_line(error)})") from None
+    return wav_samples(content, sample_rate, name=str(path))
 
 
-def wav_samples(source: Path | BytesIO, sample_rate: float, *, name: str) -> Array:
+def wav_samples(content: bytes, sample_rate: float, *, name: str) -> Array:
     """Return the samples of WAV as float64, shape (M, N).
 
     Args:
-        source: a file, or what was read of one.
+        content: of a file.
         sample_rate: sample rate that it must have, in Hz.
         name: name of the file in errors.
 
@@ -69,18 +73,13 @@ def wav_samples(source: Path | BytesIO, sample_rate: float, *, name: str) -> Arr
         BadValue: no WAV, it ends before its header says so, it has another sample rate, or NaN.
     """
     try:
-        with warnings.catch_warnings():
-            # Chunks besides format and data are no damage, an early end is.
-            warnings.simplefilter("ignore", wavfile.WavFileWarning)
-            warnings.filterwarnings("error", "Reached EOF prematurely", wavfile.WavFileWarning)
-            rate, samples = wavfile.read(source)
-    except Exception as error:  # scipy answers a damaged header with whatever its parser trips over
+        rate, samples = wav.read(content)
+    except ValueError as error:
         raise BadValue(f"{name}: cannot be read as WAV ({one_line(error)})") from None
     _check_rate(name, rate, wanted=sample_rate)
-    check(
-        bool(np.isfinite(samples).all()), name, "NaN or infinity", allowed="must be finite samples"
-    )
-    return np.atleast_2d(_scaled(samples).T)
+    finite = bool(np.isfinite(samples).all())
+    check(finite, name, "NaN or infinity", allowed="must be finite samples")
+    return samples
 
 
 def burst_of(samples: Array, *, name: str) -> Array:
@@ -158,18 +157,6 @@ def check_size(path: Path, limit: int) -> None:
 def longest(channels: int) -> int:
     """Return how many samples of so many channels a float32 WAV file can hold that may be read."""
     return (LARGEST - 4096) // (4 * channels)  # headers take less
-
-
-def _scaled(samples: Array) -> Array:
-    """Return samples as float64, PCM of any width scaled to -1 ... 1."""
-    found: Array = samples.astype(float)
-    if samples.dtype.kind not in "iu":
-        return found
-    half = 2.0 ** (8 * samples.dtype.itemsize - 1)
-    # PCM of 8 bits is unsigned around 128. In place, since recordings may be large.
-    found -= half if samples.dtype.kind == "u" else 0.0
-    found /= half
-    return found
 
 
 def wav_bytes(samples: Array, sample_rate: float) -> bytes:
