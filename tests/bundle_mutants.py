@@ -138,6 +138,27 @@ def external(proto: Any) -> None:
     tensor.external_data.add(key="location", value="/etc/passwd")
 
 
+def added(field: int, inside: bytes, *way: int) -> Mutate:
+    """Return the mutation that appends a field to the model, within the fields of `way`."""
+
+    def wrapped(data: bytes, number: int) -> bytes:
+        return varint(8 * number + 2) + varint(len(data)) + data
+
+    def make(data: bytes) -> bytes:
+        content = wrapped(inside, field)
+        for number in reversed(way):
+            content = wrapped(content, number)
+        return data + content
+
+    return replaced("model.onnx", make)
+
+
+def varint(number: int) -> bytes:
+    """Return a number as protocol buffers have it."""
+    more = b"" if number < 128 else varint(number >> 7)
+    return bytes([number & 127 | 128 * bool(more)]) + more
+
+
 def nudge(proto: Any) -> None:
     """Change one number of the model."""
     tensor = next(t for t in proto.graph.initializer if t.data_type == TensorProto.DOUBLE)
@@ -158,8 +179,10 @@ def swapped(folder: Path) -> None:
 
 
 MANY = 2**34
+WORDS = np.array(["a", "b"], dtype=object)
 ONE = np.ones(1, np.float32)
 BODY = helper.make_graph([], "body", [], [])
+MILLIONS = 3 << 20
 HUGE = "{'descr': '<f4', 'fortran_order': False, 'shape': (10000000000, 4)}"
 
 BUNDLES: dict[str, tuple[Mutate, str]] = {
@@ -208,11 +231,11 @@ BUNDLES: dict[str, tuple[Mutate, str]] = {
         "must be as many as it holds",
     ),
     "model of a custom domain": (
-        graph(node("Steal", "x", domain="evil"), domain="evil"),
+        graph(node("Add", "x x", domain="evil"), domain="evil"),
         "domain='evil': must be operators of ONNX itself, none custom",
     ),
-    "model with a loop": (graph(node("Loop", "x", body=BODY)), "content=a subgraph"),
-    "model of an unknown operator": (graph(node("Steal", "x")), "onnxruntime refuses it"),
+    "model with a loop": (graph(node("Identity", "x", body=BODY)), "content=a subgraph"),
+    "model of an unknown operator": (graph(node("Steal", "x")), "operator='Steal': must be"),
     "model without nodes": (graph(), "no operators"),
     "model of many nodes": (
         graph(*(node("Identity", f"a{i}", f"a{i + 1}") for i in range(6000))),
@@ -222,6 +245,43 @@ BUNDLES: dict[str, tuple[Mutate, str]] = {
         graph(node("Cast", "x", to=TensorProto.FLOAT)),
         "onnxruntime refuses it",
     ),
+    "model with a text": (
+        model(lambda m: m.graph.initializer.append(numpy_helper.from_array(WORDS, "words"))),
+        "tensor=texts: must be numbers",
+    ),
+    "model with an attribute of texts": (
+        graph(node("Constant", "", value_strings=["a", "b"])),
+        "content=texts",
+    ),
+    "model with a long text": (
+        graph(node("Einsum", "x x", equation="i" * 64)),
+        "text=64 bytes: must be fewer",
+    ),
+    "model with a tensor of texts": (
+        graph(node("Constant", "", value=numpy_helper.from_array(WORDS, "words"))),
+        "tensor=texts",
+    ),
+    "model of many fields": (added(13, b"\x0a\x00" * MILLIONS, 7), "fields=200001"),
+    "model of many values": (added(7, b"\x6a\x00" * MILLIONS), "fields=200001"),
+    "model of many dimensions": (added(1, b"\x0a\x00" * MILLIONS, 7, 13, 2, 1, 2), "fields=20"),
+    "model of many properties": (added(14, b"\x0a\x00" * MILLIONS), "fields=200001"),
+    "model of many opsets": (
+        replaced("model.onnx", lambda data: data + b"\x42\x00" * MILLIONS),
+        "fields=200001",
+    ),
+    "model of a deep tensor": (added(1, b"\x01" * MILLIONS, 7, 5), "tensor=more of them: must"),
+    "model of many packed numbers": (added(7, b"\x01" * MILLIONS, 7, 5), "numbers=3145728 bytes"),
+    "model of many attribute numbers": (added(8, b"\x81\x10" * 9, 7, 1, 5), "attribute=2049"),
+    "model of a giant kernel": (
+        graph(node("MaxPool", "x", kernel_shape=[2**30])),
+        "attribute=1073741824: must be at most 1024, as kernels and axes are",
+    ),
+    "model of giant padding": (
+        graph(node("Conv", "x x", pads=[-(2**40), 0])),
+        "attribute=1099511627776",
+    ),
+    "model of a giant axis": (graph(node("Concat", "x x", axis=-1025)), "attribute=1025: must"),
+    "model of sequences": (added(4, b"", 7, 11, 2), "content=sequences"),
     "model that answers beyond 1": (ending("x"), "must be 32 numbers from 0 to 1"),
     "model of NaN": (
         ending("y", node("Mul", "x nan", "y"), nan=ONE * np.nan),
@@ -255,8 +315,9 @@ BUNDLES |= {
     for name in FILES
     for what, put, said in (
         ("absent", lambda path: None, ": cannot be read"),
+        ("a folder", Path.mkdir, ": cannot be read (Is a directory)"),
         ("a link out", lambda path: path.symlink_to("../outside"), ": cannot be read (it is a sym"),
-        ("a terabyte", lambda path: (path.touch(), os.truncate(path, 1 << 40)), "=1099511627776 b"),
+        ("10 TiB", lambda path: (path.touch(), os.truncate(path, 10 << 40)), "=10995116277760 by"),
     )
 }
 BUNDLES |= {

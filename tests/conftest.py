@@ -1,7 +1,7 @@
 """Small worlds that many tests share: the paper's robot, a live room, and what is heard in a corner
 of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +22,15 @@ from echolearn.simulation.rir.pyroom import Pyroom
 from echolearn.simulation.scene import Scene
 
 Hear = Callable[..., Observation]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Keep what is known of this machine's bundles in an empty folder, and return it."""
+    folder = tmp_path_factory.mktemp("state")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(folder))
+        yield folder
 
 
 @pytest.fixture(scope="session")

@@ -23,11 +23,11 @@ PATIENCE = 60.0
 """Seconds after which a job hangs."""
 
 
-def load(folder: str) -> None:
-    """Load a bundle."""
-    from echolearn.robot.scorer import load
+def replay(folder: str) -> None:
+    """Load a bundle as the process that examines it does, but here."""
+    from echolearn.robot.scorer import replay
 
-    load(folder)
+    replay(Path(folder))
 
 
 def map_survey(survey: str, bundle: str, runs: str) -> None:

@@ -16,16 +16,28 @@ LONGEST_NAME = 100
 """Bytes of a folder's name; a file system takes 255, to which digests and endings are added."""
 
 
+LONGEST_LINE = 2000
+"""Characters of a line about an error; a stranger's text may have millions."""
+
+
+def printable(text: str) -> str:
+    """Return a text as one line that can be printed: escaped, and cut in the middle.
+
+    A stranger's text must not move the cursor of whoever reads it, nor fill the screen.
+    """
+    if len(text) > LONGEST_LINE:
+        text = f"{text[: LONGEST_LINE - 500]} ... {text[-495:]}"
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
 class BadValue(ValueError):
     """A value from outside that cannot be used, in the one-line form of this module's header.
 
-    The line can be printed, whatever is in the value: a stranger's text must not move the cursor of
-    whoever reads it.
+    The line can be printed, whatever is in the value.
     """
 
     def __init__(self, message: str) -> None:
-        shown = (c if c.isprintable() else ascii(c)[1:-1] for c in message)
-        super().__init__("".join(shown))
+        super().__init__(printable(message))
 
 
 def check(condition: bool, name: str, value: object, *, allowed: str, hint: str = "") -> None:

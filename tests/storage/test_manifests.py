@@ -89,11 +89,25 @@ def test_damage_is_named_with_the_command_that_mends_it(sound: Sound) -> None:
 FOREIGN = ["echolearn train; rm -r x", "echolearn train\nrm", "echolearn 'train", "rm -r x", None]
 
 
-def test_only_a_command_line_of_ones_own_is_advised() -> None:
+def advised(folder: Path, command: object) -> str:
+    """Return what is advised about a folder that was made here by a command."""
+    return manifests.repair_hint(manifests.finish(folder, {"command": command}, []))
+
+
+def test_only_a_command_line_of_ones_own_is_advised(tmp_path: Path) -> None:
     own = "echolearn train 'name=a b'"
-    assert manifests.repair_hint({"command": own}) == f"run again: {own}"
-    advised = {manifests.repair_hint({"command": command}) for command in FOREIGN}
-    assert advised == {"make it again as it was made"}
+    assert advised(tmp_path, own) == f"run again: {own}"
+    told = {advised(tmp_path, command) for command in FOREIGN}
+    assert told == {"make it again as it was made"}
+
+
+def test_the_command_of_a_stranger_is_not_advised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setenv("XDG_STATE_HOME", str(tmp_path / "another"))
+        manifest = manifests.finish(tmp_path, {"command": "echolearn train runs=/"}, [])
+    assert manifests.repair_hint(manifest) == "make it again as it was made"
 
 
 @pytest.mark.parametrize(

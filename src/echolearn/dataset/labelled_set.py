@@ -53,8 +53,7 @@ class Dataset:
         found = self.manifest.get("format")
         if found != FORMAT:
             maker = "echolearn 0.1" if found == 1 else f"another version (format {found})"
-            command = self.manifest.get("command")
-            again = command if manifests.is_command(command) else "echolearn generate plan=..."
+            again = manifests.own_command(self.manifest) or "echolearn generate plan=..."
             reason = f"made by {maker}, whose sets this version cannot read"
             raise BadValue(f"set={self.folder}: {reason}; make it again: {again}")
 

@@ -30,7 +30,7 @@ from echolearn.checks import BadValue, check
 from echolearn.localization import methods
 from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, TENSORS, UNITS
 from echolearn.localization.localizer import Localizer
-from echolearn.robot import untrusted_files
+from echolearn.robot import untrusted_files, untrusted_models
 from echolearn.robot.schema import GOLDEN, LIMITS, upgraded
 from echolearn.storage import manifests
 from echolearn.storage.files import MEND, json_bytes, one_line
@@ -80,14 +80,7 @@ def read_bundle(folder: Path) -> Bundle:
     """
     folder = Path(folder)
     place = folder / manifests.BUNDLE
-    allowed = "must be a folder that echolearn export wrote"
-    manifests.check_folder("bundle", folder, allowed=allowed)
-    # Both are folders, named one after the other on the command line.
-    swapped = (folder / "survey.yaml").is_file() and not place.exists()
-    hint = "this is a survey; did you swap survey and bundle?"
-    check(not swapped, "bundle", folder, allowed=allowed, hint=hint)
-
-    content = _parse(untrusted_files.read_bytes(place, limit=1 << 20), str(place))
+    content = read_content(folder)
     try:
         about = upgraded(content)
     except BadValue as error:
@@ -108,6 +101,22 @@ def read_bundle(folder: Path) -> Bundle:
         # What is wrong with a file is said of the file, the rest of a key of `bundle.json`.
         named = str(error).startswith(str(folder))
         raise error if named else BadValue(f"{place} {error}") from None
+
+
+def read_content(folder: Path) -> dict[str, Any]:
+    """Return what `bundle.json` says, proved against its own checksum and not yet checked.
+
+    Raises:
+        BadValue: no folder, or no such file in it that is whole.
+    """
+    place = folder / manifests.BUNDLE
+    allowed = "must be a folder that echolearn export wrote"
+    manifests.check_folder("bundle", folder, allowed=allowed)
+    # Both are folders, named one after the other on the command line.
+    swapped = (folder / "survey.yaml").is_file() and not place.exists()
+    hint = "this is a survey; did you swap survey and bundle?"
+    check(not swapped, "bundle", folder, allowed=allowed, hint=hint)
+    return _parse(untrusted_files.read_bytes(place, limit=1 << 20), str(place))
 
 
 def _parse(text: bytes, name: str) -> dict[str, Any]:
@@ -143,7 +152,7 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
     allowed = f"must be {len(burst)}, as probe.wav has it"
     check(given == len(burst), "probe.burst", given, allowed=allowed)
 
-    untrusted_files.check_onnx(data["model.onnx"], name=f"{folder}/model.onnx")
+    untrusted_models.check_onnx(data["model.onnx"], name=f"{folder}/model.onnx")
     expected = {"x": ("<f4", (GOLDEN, *shape)), "confidence": ("<f8", (GOLDEN,))}
     golden = untrusted_files.read_arrays(data["golden.npz"], expected, name=f"{folder}/golden.npz")
     window = SearchWindow(**about["window"])

@@ -11,8 +11,9 @@
 
 Needs numpy, scipy and onnxruntime. `load` replays the bundle's 32 golden inputs and refuses a model
 that answers otherwise here, so what was evaluated in the laboratory is what runs on the robot. It
-computes on one core, in an arena of limited size, without folding constants beforehand: a model
-that asks for more memory or time than any classifier needs is refused instead of served.
+computes on one core, in an arena of limited size, without folding constants beforehand. A bundle
+that is new here is loaded by another process first (`examination`): one that asks for more memory
+or time than any classifier needs is refused instead of served.
 """
 
 import os
@@ -21,7 +22,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from threading import Timer
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from echolearn.localization.localize import localize
 from echolearn.mapping.echo_map import echo_map
 from echolearn.robot.bundle import Bundle, read_bundle
 from echolearn.robot.compatibility import mount_angle
+from echolearn.robot.examination import examine
 from echolearn.storage import manifests
 from echolearn.storage.files import MEND, one_line
 
@@ -49,9 +50,6 @@ BLOCK = 4096
 
 MEMORY = 256 << 20
 """Bytes that a model may use while it computes."""
-
-PATIENCE = 3.0
-"""Seconds that the golden inputs may take; a classifier takes milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -170,19 +168,26 @@ def load(path: str | Path) -> Scorer:
         BadValue: the bundle is damaged or not allowed, or computes something else here than where
             it was made.
     """
-    bundle = read_bundle(Path(path))
-    name = f"{path}/model.onnx"
-    options = onnxruntime.RunOptions()
-    # A model that never ends is ended by the option that every run looks at.
-    timer = Timer(PATIENCE, setattr, (options, "terminate", True))
-    timer.daemon = True
-    timer.start()
-    try:
-        compute = _open(bundle, name, run=options)
-        x, expected = bundle.golden
-        difference = np.abs(compute(x) - expected)
-    finally:
-        timer.cancel()
+    folder = Path(path)
+    examined = examine(folder)
+    scorer = replay(folder)
+    same = scorer.bundle.about["sha256"] == examined
+    allowed = "must stay as it is while it is loaded"
+    check(same, "bundle", folder, allowed=allowed, hint="load it again")
+    return scorer
+
+
+def replay(folder: Path) -> Scorer:
+    """Return the scorer of a bundle that computes its golden confidences.
+
+    Raises:
+        BadValue: as `load`.
+    """
+    bundle = read_bundle(folder)
+    name = f"{folder}/model.onnx"
+    compute = _open(bundle, name)
+    x, expected = bundle.golden
+    difference = np.abs(compute(x) - expected)
     shown = f"golden confidences differ by {difference.max():.2g}"
     hint = "this machine computes something else than the one that made the bundle"
     same = bool((difference <= TOLERANCE).all())
@@ -212,14 +217,8 @@ def verify_bundle(path: Path) -> str:
     )
 
 
-def _open(bundle: Bundle, name: str, *, run: onnxruntime.RunOptions) -> Callable[[Array], Array]:
-    """Return the function that a bundle's model computes.
-
-    Args:
-        bundle: what holds the model.
-        name: name of the model's file in errors; whatever onnxruntime complains about becomes one.
-        run: options of every run, by which it can be ended.
-    """
+def _open(bundle: Bundle, name: str) -> Callable[[Array], Array]:
+    """Return the function that a bundle's model computes; `name` is that of its file in errors."""
     _limit_memory()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -245,7 +244,7 @@ def _open(bundle: Bundle, name: str, *, run: onnxruntime.RunOptions) -> Callable
     def compute(x: Array) -> Array:
         """Return the confidences (B,) of float32 inputs (B, ...)."""
         try:
-            confidence = np.asarray(session.run(["confidence"], {"x": x}, run)[0])
+            confidence = np.asarray(session.run(["confidence"], {"x": x})[0])
         except Exception as error:
             raise BadValue(f"{name}: cannot be computed ({one_line(error):.200})") from None
         inside = bool(((confidence >= 0) & (confidence <= 1)).all())

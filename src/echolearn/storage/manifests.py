@@ -23,6 +23,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from echolearn.checks import BadValue, check
+from echolearn.storage import known
 from echolearn.storage.files import (
     MEND,
     check_file,
@@ -85,6 +86,7 @@ def finish(
         hint=f"it names {len(entries)} files; of a set, make plan.shard_rows larger",
     )
     write_atomic(folder / last, text)
+    known.remember(manifest["sha256"], known.MADE)
 
     # Their checksums stand in the manifest now.
     for spent in folder.glob("shard-*.json"):
@@ -197,9 +199,19 @@ def command_entry(command: str | None) -> dict[str, str]:
 
 
 def repair_hint(manifest: Mapping[str, Any]) -> str:
-    """Return how to mend a damaged file: by the manifest's command, if it is one of echolearn's."""
+    """Return how to mend a damaged file: by the manifest's command, if it was made here."""
+    command = own_command(manifest)
+    return f"run again: {command}" if command else MEND
+
+
+def own_command(manifest: Mapping[str, Any]) -> str:
+    """Return the command in a manifest that was made here, or nothing.
+
+    That of a stranger, which could do whatever a command line can, is never repeated.
+    """
     command = manifest.get("command")
-    return f"run again: {command}" if is_command(command) else MEND
+    own = known.is_known(str(manifest.get("sha256")), known.MADE)
+    return str(command) if own and is_command(command) else ""
 
 
 def is_command(text: object) -> bool:

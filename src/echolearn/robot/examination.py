@@ -1,0 +1,115 @@
+"""A bundle from elsewhere is tried by a process of its own first, which may be lost.
+
+    digest on the list `storage.known`? --no--> child: limits, then `scorer.replay` --yes--> list
+
+Parsing a stranger's model and computing it is the work of libraries that trust their input. The
+child may use `SECONDS` of computing time and `MEMORY` bytes more than it has when it begins, and
+may write no file. Computing time, since a busy machine is no fault of the bundle's. What the child
+refuses is refused here, and so is a bundle that ends it. The list is kept per user, so that this is
+paid once for each bundle.
+"""
+
+import json
+import math
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from echolearn.checks import BadValue, check, printable
+from echolearn.robot.bundle import read_content
+from echolearn.storage import known
+
+SECONDS = 2
+"""Computing time for a bundle, in s; a classifier takes milliseconds."""
+
+MEMORY = 768 << 20
+"""Bytes of addresses that reading and computing may take; the model itself has at most 64 MiB."""
+
+
+def examine(folder: Path) -> str:
+    """Let a child try a bundle that was neither made nor examined here; return its digest.
+
+    Raises:
+        BadValue: the child refuses it, or is lost over it.
+    """
+    digest = str(read_content(folder)["sha256"])
+    if not known.is_known(digest, known.MADE, known.EXAMINED):
+        began = time.perf_counter()
+        _try(folder, digest)
+        known.remember(digest, known.EXAMINED)
+        spent = f"{time.perf_counter() - began:.1f} s"
+        said = f"bundle {folder.name}: from elsewhere; examined in {spent}, once for all loads"
+        print(printable(said), file=sys.stderr, flush=True)
+    return digest
+
+
+def _try(folder: Path, digest: str) -> None:
+    """Raise `BadValue` unless a child can load the bundle of this digest."""
+    # The child finds echolearn where this process has found it.
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    child = subprocess.run(
+        [sys.executable, "-m", __name__, str(folder.absolute())],
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=False,
+    )
+    try:
+        found = json.loads(child.stdout)
+        refusal = str(found["refusal"]).replace(str(folder.absolute()), str(folder), 1)
+    except (ValueError, KeyError, TypeError):
+        raise BadValue(f"{folder}: {_end(child)}") from None
+    if refusal:
+        raise BadValue(refusal)
+    allowed = "must stay as it is while it is examined"
+    check(found["digest"] == digest, "bundle", folder, allowed=allowed, hint="load it again")
+
+
+def _end(child: subprocess.CompletedProcess[bytes]) -> str:
+    """Return what became of a child that has not answered."""
+    if child.returncode == -signal.SIGXCPU:
+        return f"cannot be computed in {SECONDS} s; a classifier takes milliseconds"
+    how = f"status {child.returncode}"
+    if child.returncode < 0:
+        how = signal.Signals(-child.returncode).name
+    last = child.stderr[-300:].decode("utf-8", "replace").strip().rpartition("\n")[2]
+    return f"cannot be computed: the process that examined it ended by {how}; {last}"
+
+
+def limit() -> None:
+    """Limit what this process may use from now on."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    until = math.ceil(usage.ru_utime + usage.ru_stime) + SECONDS
+    # A second more, lest the signal be one that says nothing.
+    resource.setrlimit(resource.RLIMIT_CPU, (until, until + 1))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    pages = Path("/proc/self/statm")
+    # Where the system does not tell what a process has, it does not limit addresses either.
+    if pages.is_file():
+        most = int(pages.read_text().split()[0]) * resource.getpagesize() + MEMORY
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+def main() -> None:
+    """Load the bundle of the first argument under limits, and print what came of it."""
+    from echolearn.robot.scorer import replay
+
+    folder = Path(sys.argv[1])
+    answer = {"digest": "", "refusal": ""}
+    limit()
+    try:
+        answer["digest"] = str(replay(folder).bundle.about["sha256"])
+    except BadValue as error:
+        answer["refusal"] = str(error)
+    except MemoryError:
+        answer["refusal"] = f"{folder}: needs more than {MEMORY >> 20} MiB of memory"
+    print(json.dumps(answer))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""A bundle from elsewhere is examined once, by a process that may be lost."""
+
+import json
+from pathlib import Path
+from shutil import copytree
+
+import pytest
+
+from bundle_mutants import seal
+from echolearn.checks import BadValue
+from echolearn.robot import examination
+from echolearn.robot.scorer import load
+from echolearn.storage import known
+
+Captured = pytest.CaptureFixture[str]
+
+
+def elsewhere(packed: Path, tmp_path: Path) -> Path:
+    """Return a copy of a bundle that says something that no bundle made here has said."""
+    folder = copytree(packed, tmp_path / "given")
+    seal(folder, name=str(tmp_path))
+    return folder
+
+
+def test_a_bundle_from_elsewhere_is_examined_once_and_that_is_said(
+    packed: Path, tmp_path: Path, capsys: Captured
+) -> None:
+    folder = elsewhere(packed, tmp_path)
+    load(folder)
+    said = capsys.readouterr().err
+    assert said.startswith("bundle given: from elsewhere; examined in ") and said.count("\n") == 1
+    load(copytree(folder, tmp_path / "again"))
+    assert capsys.readouterr().err == ""
+
+
+def test_a_bundle_that_was_made_here_is_not_examined(packed: Path, capsys: Captured) -> None:
+    digest = json.loads((packed / "bundle.json").read_text())["sha256"]
+    assert known.is_known(digest, known.MADE)
+    load(packed)
+    assert capsys.readouterr().err == ""
+
+
+def test_what_is_refused_stays_unknown(packed: Path, tmp_path: Path) -> None:
+    folder = elsewhere(packed, tmp_path)
+    (folder / "probe.wav").unlink()
+    for _ in range(2):
+        with pytest.raises(BadValue, match=f"^{folder}/probe.wav: cannot be read"):
+            load(folder)
+
+
+def test_a_list_that_cannot_be_written_costs_an_examination_each_time(
+    packed: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    for _ in range(2):
+        load(packed)
+        assert "examined in" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("import os; os.abort()", "ended by SIGABRT"),
+        ("raise SystemExit('no such library')", "ended by status 1; no such library"),
+        ("print('{}')", "ended by status 0"),
+    ],
+)
+def test_a_process_that_is_lost_is_a_refusal(
+    code: str, said: str, packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = elsewhere(packed, tmp_path)
+    (tmp_path / "lost.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(examination, "__name__", "lost")
+    with pytest.raises(BadValue, match=f"^{folder}: cannot be computed: .* {said}"):
+        load(folder)
+
+
+def test_another_bundle_than_the_examined_one_is_refused(
+    packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = elsewhere(packed, tmp_path)
+    (tmp_path / "other.py").write_text('print(\'{"digest": "0", "refusal": ""}\')')
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(examination, "__name__", "other")
+    with pytest.raises(BadValue, match="must stay as it is while it is examined"):
+        load(folder)
