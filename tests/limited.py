@@ -25,7 +25,7 @@ PATIENCE = 60.0
 
 def replay(folder: str) -> None:
     """Load a bundle as the process that examines it does, but here."""
-    from echolearn.robot.scorer import replay
+    from echolearn.robot.model import replay
 
     replay(Path(folder))
 

@@ -1,6 +1,6 @@
 """A bundle from elsewhere is tried by a process of its own first, which may be lost.
 
-    digest on the list `storage.known`? --no--> child: limits, then `scorer.replay` --yes--> list
+    digest on the list `storage.known`? --no--> child: limits, then `model.replay` --yes--> list
 
 Parsing a stranger's model and computing it is the work of libraries that trust their input. The
 child may use `SECONDS` of computing time and `MEMORY` bytes more than it has when it begins, and
@@ -21,6 +21,7 @@ from pathlib import Path
 
 from echolearn.checks import BadValue, check, printable
 from echolearn.robot.bundle import read_content
+from echolearn.robot.model import replay
 from echolearn.storage import known
 
 SECONDS = 2
@@ -97,13 +98,11 @@ def limit() -> None:
 
 def main() -> None:
     """Load the bundle of the first argument under limits, and print what came of it."""
-    from echolearn.robot.scorer import replay
-
     folder = Path(sys.argv[1])
     answer = {"digest": "", "refusal": ""}
     limit()
     try:
-        answer["digest"] = str(replay(folder).bundle.about["sha256"])
+        answer["digest"] = str(replay(folder)[0].about["sha256"])
     except BadValue as error:
         answer["refusal"] = str(error)
     except MemoryError:

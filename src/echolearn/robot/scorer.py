@@ -10,25 +10,17 @@
     points
 
 Needs numpy, scipy and onnxruntime. `load` replays the bundle's 32 golden inputs and refuses a model
-that answers otherwise here, so what was evaluated in the laboratory is what runs on the robot. It
-computes on one core, in an arena of limited size, without folding constants beforehand. A bundle
-that is new here is loaded by another process first (`examination`): one that asks for more memory
-or time than any classifier needs is refused instead of served.
+that answers otherwise here (`model`), so what was evaluated in the laboratory is what runs on the
+robot. A bundle that is new here is loaded by another process first (`examination`): one that asks
+for more memory or time than any classifier needs is refused instead of served.
 """
 
-import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
-
-# Before it is imported: onnxruntime would keep files about its use in the home folder.
-os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-
-import onnxruntime
 
 from echolearn.acoustics.geometry import wrap
 from echolearn.acoustics.types import Array, Echoes, EchoMap, Observation, Pose
@@ -36,20 +28,15 @@ from echolearn.checks import BadValue, check
 from echolearn.evaluation.metrics import kept
 from echolearn.localization.localize import localize
 from echolearn.mapping.echo_map import echo_map
-from echolearn.robot.bundle import Bundle, read_bundle
+from echolearn.robot.bundle import Bundle
 from echolearn.robot.compatibility import mount_angle
 from echolearn.robot.examination import examine
+from echolearn.robot.model import replay
 from echolearn.storage import manifests
-from echolearn.storage.files import MEND, one_line
-
-TOLERANCE = 1e-5
-"""Largest difference in confidence between two machines."""
+from echolearn.storage.files import MEND
 
 BLOCK = 4096
 """Inputs scored at once."""
-
-MEMORY = 256 << 20
-"""Bytes that a model may use while it computes."""
 
 
 @dataclass(frozen=True)
@@ -170,28 +157,10 @@ def load(path: str | Path) -> Scorer:
     """
     folder = Path(path)
     examined = examine(folder)
-    scorer = replay(folder)
-    same = scorer.bundle.about["sha256"] == examined
+    bundle, compute = replay(folder)
+    same = bundle.about["sha256"] == examined
     allowed = "must stay as it is while it is loaded"
     check(same, "bundle", folder, allowed=allowed, hint="load it again")
-    return scorer
-
-
-def replay(folder: Path) -> Scorer:
-    """Return the scorer of a bundle that computes its golden confidences.
-
-    Raises:
-        BadValue: as `load`.
-    """
-    bundle = read_bundle(folder)
-    name = f"{folder}/model.onnx"
-    compute = _open(bundle, name)
-    x, expected = bundle.golden
-    difference = np.abs(compute(x) - expected)
-    shown = f"golden confidences differ by {difference.max():.2g}"
-    hint = "this machine computes something else than the one that made the bundle"
-    same = bool((difference <= TOLERANCE).all())
-    check(same, name, shown, allowed=f"must be at most {TOLERANCE:g}", hint=hint)
     return Scorer(bundle, compute)
 
 
@@ -215,54 +184,3 @@ def verify_bundle(path: Path) -> str:
         f"{about['golden']} golden confidences reproduced; model within {parity['difference']:.1e} "
         f"of the trained one on {parity['trials']} inputs"
     )
-
-
-def _open(bundle: Bundle, name: str) -> Callable[[Array], Array]:
-    """Return the function that a bundle's model computes; `name` is that of its file in errors."""
-    _limit_memory()
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    # Its complaints come as exceptions, which are told in one line.
-    options.log_severity_level = 4
-    options.add_session_config_entry("session.use_env_allocators", "1")
-    options.add_session_config_entry("session.load_model_format", "ONNX")
-    try:
-        session = onnxruntime.InferenceSession(
-            bundle.model,
-            options,
-            providers=["CPUExecutionProvider"],
-            # Folding would compute a giant constant while the model is being opened.
-            disabled_optimizers=["ConstantFolding"],
-        )
-        ends = [*session.get_inputs(), *session.get_outputs()]
-    except Exception as error:  # onnxruntime's own kinds have no common ancestor
-        raise BadValue(f"{name}: onnxruntime refuses it ({one_line(error):.200})") from None
-    found = [(end.name, end.type, len(end.shape)) for end in ends]
-    wanted = [("x", "tensor(float)", 1 + len(bundle.shape)), ("confidence", "tensor(double)", 1)]
-    check(found == wanted, f"{name} inputs and outputs", found, allowed=f"must be {wanted}")
-
-    def compute(x: Array) -> Array:
-        """Return the confidences (B,) of float32 inputs (B, ...)."""
-        try:
-            confidence = np.asarray(session.run(["confidence"], {"x": x})[0])
-        except Exception as error:
-            raise BadValue(f"{name}: cannot be computed ({one_line(error):.200})") from None
-        inside = bool(((confidence >= 0) & (confidence <= 1)).all())
-        shown = f"shape {confidence.shape}, from 0 to 1: {inside}"
-        allowed = f"must be {len(x)} numbers from 0 to 1"
-        check(
-            inside and confidence.shape == (len(x),), f"{name} confidence", shown, allowed=allowed
-        )
-        return confidence
-
-    return compute
-
-
-@cache
-def _limit_memory() -> None:
-    """Let all sessions of this process that ask for it share one arena of `MEMORY` bytes."""
-    kind = onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR
-    place = onnxruntime.OrtMemoryInfo("Cpu", kind, 0, onnxruntime.OrtMemType.DEFAULT)
-    arena = onnxruntime.OrtArenaCfg({"max_mem": MEMORY, "arena_extend_strategy": 1})
-    with suppress(Exception):  # there is one already: the host program's
-        onnxruntime.create_and_register_allocator(place, arena)

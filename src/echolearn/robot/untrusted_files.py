@@ -1,8 +1,6 @@
 """Files from strangers, refused for what they might do rather than for what they say.
 
-read_bytes    bytes of a plain file, never more than a limit; no symbolic links, pipes, devices
-read_arrays   arrays of an `.npz` whose names, types and shapes are known beforehand, so no size
-              is believed
+No size that a file declares is believed, and none is read that is no plain file of a known size.
 """
 
 import ast
