@@ -16,7 +16,10 @@ from echolearn.survey import reader
 from echolearn.survey.poses import poses_csv
 
 CORNERS = "must be null, or 3 to 1000 distinct corners in order around an area"
-KEYS = "sample_rate, speed_of_sound, microphones, loudspeaker, direct_path, walls, conditions"
+KEYS = (
+    "sample_rate, speed_of_sound, microphones, loudspeaker, direct_path, walls, "
+    "heading_bias_sd_rad, conditions"
+)
 
 
 def refusal(folder: Path, name: str) -> str:
@@ -64,6 +67,8 @@ def refusal(folder: Path, name: str) -> str:
         ("walls", [[0, 0], [4, 3], [4, 0], [0, 3]], f"=an area of 0 m^2: {CORNERS}; do its sides"),
         ("walls", [[k % 99, k // 99] for k in range(1001)], f"=1001 corners: {CORNERS}"),
         ("walls", [[0, 0], [8000, 0], [8000, 12000]], "=12000 m: must be coordinates from -10000"),
+        ("heading_bias_sd_rad", 5, "=5 rad: must be a number from 0 to 3.14159 rad; is it in deg"),
+        ("heading_bias_sd_rad", -0.1, "=-0.1 rad"),
         ("conditions", "windy", "=windy: must be a mapping"),
         ("conditions", {"snr_db": "loud"}, ".snr_db=loud dB: must be a number from -200 to 200 dB"),
         ("conditions", {"sdnr_db": [1.0]}, ".sdnr_db=[1.0] dB"),
@@ -162,6 +167,7 @@ def test_text_that_is_no_survey_is_refused(folder: Path, text: str) -> None:
 # ---------------------------------------------------------------- poses.csv
 
 HEAD = "index,x_m,y_m,z_m,heading_rad,file\n"
+HEAD_ERRORS = HEAD.replace("\n", ",pose_sd_m,heading_sd_rad\n")
 COLUMNS = "the columns index,x_m,y_m,z_m,heading_rad,file"
 
 
@@ -210,6 +216,16 @@ COLUMNS = "the columns index,x_m,y_m,z_m,heading_rad,file"
         (HEAD + "9" * 20 + ",1,1,1,0,a\n", f" row 2 index='{'9' * 20}': must"),
         (HEAD + "3,1,1,1,0,a\n03,1,1,1,0,c\n", " index=3, 2 times: must have each number once"),
         (HEAD + f"0,1,1,1,0,{'a' * 200_000}\n", ": cannot be read"),
+        (HEAD_ERRORS + "0,1,1,1,0,a,0.01,2\n1,1,1,1,0,b,30,2\n", " row 3 pose_sd_m='30': must be"),
+        (
+            HEAD_ERRORS + "0,1,1,1,0,a,0.01,5\n",
+            " row 2 heading_sd_rad='5': must be a number from 0 to 3.14159 rad; is it in degrees?",
+        ),
+        (
+            HEAD_ERRORS + "0,1,1,1,0,a,-0.01,0\n",
+            " row 2 pose_sd_m='-0.01': must be a number",
+        ),
+        (HEAD_ERRORS + "0,1,1,1,0,a,,0\n", " row 2 pose_sd_m='': must be a number"),
         ("\x00\x01" + HEAD, ""),
     ],
 )
@@ -226,6 +242,17 @@ def test_spreadsheets_may_begin_with_a_mark_and_set_blanks(folder: Path) -> None
     survey = reader.read_survey(folder)
     assert (survey.numbers, survey.files, survey.poses[0].heading) == ((7,), (FILES[0],), -0.3)
     assert survey.poses[0].position.tolist() == [1.0, 2.0, 1.5]
+
+
+def test_how_far_poses_may_be_off_can_be_told(folder: Path) -> None:
+    """Each by a column of its own, in any order; unless told, not at all."""
+    survey = reader.read_survey(folder)
+    assert survey.heading_bias_sd == survey.poses[0].heading_sd == survey.poses[0].position_sd == 0
+    edit(folder, heading_bias_sd_rad=0.03)
+    (folder / "poses.csv").write_text("heading_sd_rad," + HEAD + f"0.1,7,1,2,1.5,0,{FILES[0]}\n")
+    survey = reader.read_survey(folder)
+    assert survey.heading_bias_sd == 0.03
+    assert (survey.poses[0].position_sd, survey.poses[0].heading_sd) == (0.0, 0.1)
 
 
 def test_headings_and_positions_are_written_to_the_last_digit() -> None:

@@ -151,16 +151,22 @@ class Pose:
     Attributes:
         position: loudspeaker, shape (3,), in m, room frame.
         heading: direction of the robot's x axis in the room, in rad.
+        position_sd: standard deviation of each coordinate, in m; 0 where nobody has told it.
+        heading_sd: that of the heading, in rad.
     """
 
     position: Array
     heading: float = 0.0
+    position_sd: float = 0.0
+    heading_sd: float = 0.0
 
     def __post_init__(self) -> None:
         allowed = "must be three finite coordinates in m"
         position = finite_vector("pose.position", self.position, length=3, allowed=allowed)
         object.__setattr__(self, "position", position)
         check_number("pose.heading", self.heading, unit="rad")
+        check_number("pose.position_sd", self.position_sd, low=0.0, unit="m")
+        check_number("pose.heading_sd", self.heading_sd, low=0.0, unit="rad")
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,9 @@ TABLE = {
     "loudspeaker": partial(check_metres, shape=(3,)),
     "direct_path": ("removed", "present"),
     "walls": nullable(check_outline),
+    "heading_bias_sd_rad": partial(
+        check_number, low=0.0, high=np.pi, unit="rad", hint="is it in degrees?"
+    ),
     "conditions": {
         "snr_db": nullable(LEVEL),
         "sdnr_db": nullable(LEVEL),
@@ -79,7 +82,7 @@ TABLE = {
 }
 """Keys of `survey.yaml`, each with its check."""
 
-OPTIONAL: dict[str, Any] = {"walls": None, "conditions": {}}
+OPTIONAL: dict[str, Any] = {"walls": None, "heading_bias_sd_rad": 0.0, "conditions": {}}
 """Keys that may be missing or null, and what is then read."""
 
 

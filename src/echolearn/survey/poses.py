@@ -1,9 +1,9 @@
 """The table of a recorded survey, `poses.csv`: read as a stranger writes it, and written.
 
-    index,x_m,y_m,z_m,heading_rad,file
+    index,x_m,y_m,z_m,heading_rad,file[,pose_sd_m][,heading_sd_rad]
 
-A row is a pose. `CELLS` names the columns, each with the function that reads a cell of it; further
-columns are not looked at. Errors count rows as spreadsheets do.
+A row is a pose. `CELLS` and `ERRORS` name the columns, each with the function that reads a cell of
+it; further columns are not looked at. Errors count rows as spreadsheets do.
 """
 
 import csv
@@ -33,7 +33,9 @@ BY_POINT = "are decimals set off by a point, cells by commas?"
 NAMES = "they name the poses in map.csv"
 
 
-def read_number(name: str, cell: Any, *, most: float, unit: str, hint: str) -> float:
+def read_number(
+    name: str, cell: Any, *, most: float, unit: str, hint: str, least: float | None = None
+) -> float:
     """Return a cell as a number of at most that magnitude.
 
     Args:
@@ -42,14 +44,16 @@ def read_number(name: str, cell: Any, *, most: float, unit: str, hint: str) -> f
         most: largest magnitude.
         unit: unit of the number.
         hint: the likely mistake if it is larger.
+        least: smallest number, `-most` unless given.
     """
+    low = -most if least is None else least
     try:
         number = float(cell or "")
     except ValueError:
         number = math.nan
         hint = BY_POINT
-    allowed = f"must be a number from -{most:g} to {most:g} {unit}"
-    check(abs(number) <= most, name, f"{cell!a:.60}", allowed=allowed, hint=hint)
+    allowed = f"must be a number from {low:g} to {most:g} {unit}"
+    check(low <= number <= most, name, f"{cell!a:.60}", allowed=allowed, hint=hint)
     return number
 
 
@@ -81,6 +85,14 @@ CELLS: dict[str, Callable[[str, Any], Any]] = {
 }
 """Columns of `poses.csv`."""
 
+ERRORS: dict[str, Callable[[str, Any], Any]] = {
+    "pose_sd_m": partial(read_number, least=0.0, most=10.0, unit="m", hint="is it in mm?"),
+    "heading_sd_rad": partial(
+        read_number, least=0.0, most=np.pi, unit="rad", hint="is it in degrees?"
+    ),
+}
+"""Columns that `poses.csv` may have: how far a pose may be off, one standard deviation."""
+
 
 def read_poses(path: Path) -> tuple[tuple[int, ...], tuple[Pose, ...], tuple[str, ...]]:
     """Return index, pose and file of every row of `poses.csv`.
@@ -105,15 +117,16 @@ def read_poses(path: Path) -> tuple[tuple[int, ...], tuple[Pose, ...], tuple[str
     [(most, times)] = Counter(numbers).most_common(1)
     allowed = "must have each number once"
     check(times == 1, f"{path} index", f"{most}, {times} times", allowed=allowed, hint=NAMES)
-    places = [[row["x_m"], row["y_m"], row["z_m"]] for row in rows]
-    poses = (
-        Pose(np.array(place), row["heading_rad"]) for place, row in zip(places, rows, strict=True)
-    )
-    return numbers, tuple(poses), tuple(row["file"] for row in rows)
+    return numbers, tuple(map(_pose, rows)), tuple(row["file"] for row in rows)
+
+
+def _pose(row: Mapping[str, Any]) -> Pose:
+    place = np.array([row["x_m"], row["y_m"], row["z_m"]])
+    return Pose(place, row["heading_rad"], *(row.get(name, 0.0) for name in ERRORS))
 
 
 def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
-    """Yield the cells of each row of a table that has the columns of `CELLS`."""
+    """Yield the cells of each row of a table that has the columns of `CELLS`, and any others."""
     # Spreadsheets may begin a file with a byte order mark, which is no part of the first name.
     with path.open(newline="", encoding="utf-8-sig") as file:
         table = csv.DictReader(file, skipinitialspace=True)
@@ -123,6 +136,7 @@ def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
         hint = "is it separated by commas?"
         check(not missing, str(path), f"without {', '.join(missing)}", allowed=allowed, hint=hint)
         table.fieldnames = columns
+        cells = CELLS | {name: read for name, read in ERRORS.items() if name in columns}
         for row in table:
             name = f"{path} row {table.line_num}"
             beyond = row.pop(None, [])
@@ -130,7 +144,7 @@ def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
             check(
                 not any(beyond), name, count, allowed=f"must be {len(columns)} cells", hint=BY_POINT
             )
-            yield {column: read(f"{name} {column}", row[column]) for column, read in CELLS.items()}
+            yield {column: read(f"{name} {column}", row[column]) for column, read in cells.items()}
 
 
 def poses_csv(poses: Sequence[Pose], files: Sequence[str]) -> bytes:

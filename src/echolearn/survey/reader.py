@@ -4,6 +4,7 @@
                          microphones (M x 3, m, robot frame), loudspeaker (3, m),
                          direct_path: removed | present (it is removed when read, `direct_path.py`),
                          optional walls: outline (C x 2, m) for scoring,
+                         optional heading_bias_sd_rad: of an error common to all headings,
                          optional conditions: whatever is known of how it was recorded (snr_db,
                          noise, ...)
     probe.wav            the burst, one channel, then silence up to the length of a recording
@@ -63,6 +64,7 @@ class Survey:
         numbers: `index` of each pose in `poses.csv`.
         walls: outline of the room, shape (C, 2), in m, or None.
         conditions: what is known of the recording.
+        heading_bias_sd: standard deviation of an error that all headings share, in rad.
         direct: how reading removes the direct path, one of `direct_path.REMOVALS`; None if the
             recordings hold none.
         rate: sample rate in Hz to which recordings and probe are brought when read; None leaves
@@ -78,6 +80,7 @@ class Survey:
     numbers: tuple[int, ...]
     walls: Array | None
     conditions: Mapping[str, Any]
+    heading_bias_sd: float = 0.0
     direct: str | None = None
     rate: float | None = None
 
@@ -242,6 +245,7 @@ def read_survey(folder: Path) -> Survey:
         numbers=numbers,
         walls=about["walls"],
         conditions=about["conditions"],
+        heading_bias_sd=float(about["heading_bias_sd_rad"]),
         direct=("calibration" if calibrated else "fitted") if present else None,
     )
 
