@@ -163,7 +163,7 @@ class TestSurveys:
         assert tables.levels(one) == ["0", "-5"]
         assert tables.main_localizer(one) == "gated"
         unusual = bare(surveys=dict((walk("a", "a", 3.0), walk("b", "a", 7.0))))
-        assert tables.levels(unusual) == ["3", "7"]
+        assert tables.levels(unusual) == ["7", "3"]
         assert tables.main_localizer(bare()) == ""
 
     @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from echolearn.evaluation.rows import Row
 from echolearn.storage.files import write_atomic
 from echolearn.storage.marked_page import Markers, write_between
 
-FORMAT = 7
+FORMAT = 8
 """Version of the report and the tables; part of a comparison's identity."""
 
 LIBRARIES = "numpy scipy scikit-learn torch lightning onnxruntime pyroomacoustics".split()

@@ -73,9 +73,10 @@ def snrs(comparison: Comparison) -> list[str]:
 
 
 def levels(comparison: Comparison) -> list[str]:
-    """Return the SNRs whose maps are shown in tables."""
+    """Return the SNRs whose maps are shown in tables, the lowest last."""
     known = snrs(comparison)
-    return [level for level in SHOWN_DB if level in known] or known
+    shown = [level for level in SHOWN_DB if level in known]
+    return shown or sorted(known, key=float, reverse=True)
 
 
 def main_localizer(comparison: Comparison) -> str:
