@@ -16,6 +16,7 @@ from scipy.stats import binomtest
 from echolearn.acoustics.geometry import distance_to_outline, outline, true_echoes
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Room
+from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.methods.svm import Svm
 from echolearn.cli.compose import compose
 from echolearn.cli.config import build
@@ -202,7 +203,8 @@ def memory(on_grid: Estimates, tmp_path_factory: pytest.TempPathFactory) -> tupl
     svm = Svm(inputs=("toa",), c_grid=(10.0,), gamma_grid=(100.0, 1000.0), folds=3)
     x, y = on_grid.toa.astype(np.float32), on_grid.reflector[:, 0]
     folder = tmp_path_factory.mktemp("svm")
-    svm.fit(x[train], y[train], groups=train, validation=(x[held], y[held]), folder=folder, seed=0)
+    unseen = (x[held], y[held])
+    svm.fit(Examples(x[train], y[train], train, unseen, folder=folder, seed=0))
     return svm, held
 
 

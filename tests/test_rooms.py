@@ -26,7 +26,7 @@ OWNERS = {
     "numpy scipy": ROOMS,
     "hydra omegaconf": ["cli"],
     "yaml": ["cli", "survey"],
-    "lightning sklearn": ["classifiers"],
+    "lightning safetensors sklearn": ["classifiers"],
     "torch": ["classifiers", "training"],
     "onnx": ["bench", "classifiers"],
     "onnxruntime": ["classifiers", "robot"],

@@ -17,12 +17,13 @@ from echolearn.checks import BadValue
 from echolearn.classifiers import onnx_export
 from echolearn.classifiers.architectures import CovarianceNet, Mlp
 from echolearn.classifiers.calibration import calibrate
+from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.inputs import as_input
 from echolearn.classifiers.methods.network import Network, accelerators
 from echolearn.classifiers.methods.svm import Svm, some_positions
 from echolearn.classifiers.methods.threshold import Threshold
 from echolearn.classifiers.methods.trees import Trees
-from echolearn.classifiers.standardise import Standardise
+from echolearn.classifiers.standardise import standardiser
 from echolearn.evaluation.metrics import auc
 
 Fit = Callable[..., Any]
@@ -34,7 +35,7 @@ def fit(tmp_path: Path) -> Fit:
 
     def fitted(model: Any, x: Array, y: Array, *, seed: int = 0, **given: Any) -> Any:
         known = {"groups": np.arange(len(x)), "validation": (x, y), "folder": tmp_path}
-        return model.fit(x, y, seed=seed, **known | given)
+        return model.fit(Examples(x, y, seed=seed, **known | given))
 
     return fitted
 
@@ -183,13 +184,13 @@ class TestNetwork:
 
     def test_standardise_bounds_the_tails(self):
         x = np.random.default_rng(0).standard_cauchy((2000, 2)) * [1e-3, 1e3]
-        z = Standardise(x)(torch.from_numpy(x.astype(np.float32))).numpy()
+        z = standardiser(x)(torch.from_numpy(x.astype(np.float32))).numpy()
         np.testing.assert_allclose([z.mean(axis=0), z.std(axis=0)], [[0, 0], [1, 1]], atol=1e-4)
         assert np.abs(z).max() < 20
         assert (np.diff(z[np.argsort(x[:, 0])[20:-20], 0]) > 0).all()
 
     def test_a_constant_column_is_harmless(self):
-        assert torch.isfinite(Standardise(np.ones((10, 3)))(torch.full((2, 3), 7.0))).all()
+        assert torch.isfinite(standardiser(np.ones((10, 3)))(torch.full((2, 3), 7.0))).all()
 
 
 BAD = {

@@ -14,10 +14,11 @@ from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Array, MicArray, Observation
 from echolearn.checks import BadValue
+from echolearn.classifiers.inputs import stack_inputs
 from echolearn.comparison.localized import localize_survey
 from echolearn.robot.scorer import BLOCK, ScoredEchoes, Scorer, load
 from echolearn.survey import reader
-from echolearn.training.predictions import load_scorer, predict, stack_inputs
+from echolearn.training.predictions import load_scorer, predict
 from echolearn.training.runs import Run, load_runs
 from world import POSES, World, pack, train
 
@@ -51,7 +52,7 @@ def run(world: World) -> Run:
 
 
 def test_confidences_are_the_runs(scorer: Scorer, run: Run, world: World) -> None:
-    x = stack_inputs(run.inputs, {name: world.sets["offgrid_hall"][name] for name in run.inputs})
+    x = stack_inputs(run.inputs, world.sets["offgrid_hall"])
     factors = np.geomspace(0.01, 100, 100).repeat(len(x))
     many = np.tile(x, (100, 1)) * factors[:, None]
     assert len(many) > BLOCK

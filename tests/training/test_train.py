@@ -21,6 +21,7 @@ from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.classifiers import batches
 from echolearn.classifiers.architectures import Mlp
+from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.inputs import Rows
 from echolearn.classifiers.methods.network import Network
 from echolearn.cli import config
@@ -271,7 +272,7 @@ class TestTrust:
     def test_killed_and_run_again_gives_equal_results(self, toy, calm, tmp_path):
         again = partial(train, LearningProblem(toy), NETWORK, tmp_path)
         folder = tmp_path / "train" / calm.name
-        kill_when((folder / "best.ckpt").is_file, again)
+        kill_when((folder / "best.safetensors").is_file, again)
         assert not (folder / "metrics.json").exists()
         with pytest.raises(BadValue, match="not finished"):
             load_scorer(folder)
@@ -325,7 +326,7 @@ class TestStreaming:
         rows = Rows(gather, np.arange(9000), ["a", "b"])
         y = table[:, 0] > 0
         held = (rows.part(np.arange(100)), y[:100])
-        net.fit(rows, y, groups=y, validation=held, folder=tmp_path, seed=0)
+        net.fit(Examples(rows, y, y, held, folder=tmp_path, seed=0))
         net.decision(rows)
         assert max(fetched) <= 4096
         assert (fetched.count(1000) == 2 * 9) is (limit == 0)

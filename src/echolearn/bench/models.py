@@ -16,12 +16,13 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.bench.measurement import Measurement, Setting
+from echolearn.classifiers.inputs import stack_inputs
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant
 from echolearn.storage import files, manifests
 from echolearn.storage.identity import digest
-from echolearn.training.predictions import load_scorer, stack_inputs
+from echolearn.training.predictions import load_scorer
 from echolearn.training.runs import Run, finished_runs
 
 ROWS = 256
@@ -62,8 +63,7 @@ def inference(setting: Setting) -> Iterator[Measurement]:
             print(f"bench models: the set of {run.identity} is gone; left out", file=sys.stderr)
             continue
         dataset = sets[run.data_digest]
-        x = stack_inputs(run.inputs, {name: dataset[name][:ROWS] for name in run.inputs})
-        x = x.astype(np.float32)
+        x = stack_inputs(run.inputs, dataset)[:ROWS].astype(np.float32)
         scorers = {"onnxruntime": load_scorer(run.folder), "NumPy": evaluator(run.folder)}
         for rows in (1, len(x)):
             contestants = {

@@ -17,7 +17,6 @@ import torch
 
 from echolearn.acoustics.types import Array
 from echolearn.classifiers.inputs import Rows, blocks_of
-from echolearn.classifiers.standardise import Standardise
 
 BLOCK = 2048
 """Rows standardised or scored at once."""
@@ -68,7 +67,7 @@ class WholeEpoch:
         yield self.batches
 
 
-def source_of(rows: Rows, standardise: Standardise) -> Source:
+def source_of(rows: Rows, standardise: torch.nn.Module) -> Source:
     """Return where batches come from: one tensor if it is small enough, else the shards."""
     if 4 * math.prod(rows.shape) > IN_MEMORY:
         return lambda indices: standardise(torch.from_numpy(rows[indices.numpy()]))

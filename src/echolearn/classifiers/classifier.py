@@ -7,7 +7,7 @@ own: a logit for networks and trees, a signed margin for the SVM, a standardised
 threshold. Turning decisions into confidences is not the classifier's business: every one of them is
 calibrated in the same way (`calibration`), on rows that `fit` used for early stopping at most.
 
-    x, y --fit--> classifier --decision--> d --sigmoid(a d + b), a > 0--> confidence >= threshold
+    examples --fit--> classifier --decision--> d --sigmoid(a d + b)--> confidence >= threshold
 
 Each file in `methods/` is one method: `threshold`, `svm`, `trees`, `network` (any `torch.nn.Module`
 from `architectures`, or your own). To add another, write a dataclass with the three methods of
@@ -27,15 +27,42 @@ Three promises keep all classifiers exchangeable:
   alone.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check_number, check_whole
-from echolearn.classifiers.inputs import Inputs
+from echolearn.classifiers.inputs import Inputs, check_labels
 
 if TYPE_CHECKING:
     import torch
+
+
+@dataclass(frozen=True)
+class Examples:
+    """Labelled observations to learn from, and what belongs to them.
+
+    Attributes:
+        x: columns, shape (B, K), or tensors, shape (B, bands, M * M); rows that are fetched when
+            asked for, or an array (`as_input` turns either into an array).
+        y: True for a reflector, shape (B,), bool, both classes among them.
+        groups: id of the position each row was observed from, shape (B,); rows of one position
+            never part.
+        validation: x and y of positions that are not in `groups`, for early stopping.
+        folder: folder of the run, where logs and checkpoints may be left.
+        seed: seed of everything random.
+    """
+
+    x: Inputs
+    y: Array
+    groups: Array
+    validation: tuple[Inputs, Array]
+    folder: Path
+    seed: int
+
+    def __post_init__(self) -> None:
+        check_labels(self.y, len(self.x))
 
 
 class Classifier(Protocol):
@@ -52,28 +79,8 @@ class Classifier(Protocol):
 
     inputs: tuple[str, ...]
 
-    def fit(
-        self,
-        x: Inputs,
-        y: Array,
-        *,
-        groups: Array,
-        validation: tuple[Inputs, Array],
-        folder: Path,
-        seed: int,
-    ) -> Self:
-        """Learn from labelled observations.
-
-        Args:
-            x: columns, shape (B, K), or tensors, shape (B, bands, M * M); rows that are fetched
-                when asked for, or an array (`as_input` turns either into an array).
-            y: True for a reflector, shape (B,).
-            groups: id of the position each row was observed from, shape (B,); rows of one position
-                never part.
-            validation: x and y of positions that are not in `groups`, for early stopping.
-            folder: folder of the run, where logs and checkpoints may be left.
-            seed: seed of everything random.
-        """
+    def fit(self, examples: Examples) -> Self:
+        """Learn from labelled observations."""
 
     def decision(self, x: Inputs) -> Array:
         """Return the belief in a reflector, shape (B,), float64, on the classifier's own scale."""

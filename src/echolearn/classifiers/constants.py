@@ -1,5 +1,6 @@
-"""Numbers that a scorer carries: buffers of a torch module, which its ONNX file will hold."""
+"""Scorers as a formula and its numbers: buffers of a torch module, which its ONNX file holds."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,3 +16,16 @@ def register_constants(module: torch.nn.Module, **values: Any) -> None:
     """
     for name, value in values.items():
         module.register_buffer(name, torch.from_numpy(np.array(value, order="C")))
+
+
+class Formula(torch.nn.Module):
+    """A function of x and of constants: `formula(x, **constants)`."""
+
+    def __init__(self, formula: Callable[..., torch.Tensor], **constants: Any) -> None:
+        super().__init__()
+        self.formula = formula
+        register_constants(self, **constants)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Return the function's value."""
+        return self.formula(x, **dict(self.named_buffers()))

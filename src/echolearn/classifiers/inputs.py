@@ -68,6 +68,16 @@ def check_inputs(inputs: Sequence[str], *, views: Sequence[str] = (FEATURES,)) -
     return names
 
 
+def stack_inputs(names: Sequence[str], columns: Any) -> Array:
+    """Return what a classifier looks at, (B, K) or (B, bands, M * M).
+
+    The columns, each of shape (B, ...), come by name from a mapping or a set.
+    """
+    if view_of(names) == COVARIANCE:
+        return columns[names[0]]
+    return np.stack([columns[name] for name in names], axis=1)
+
+
 @dataclass(frozen=True)
 class Rows:
     """Some rows of a set's inputs, left where they are until they are asked for.
@@ -165,12 +175,10 @@ def as_input(x: Inputs, inputs: Sequence[str], *, numbers: Array | None = None) 
     return x
 
 
-def check_labels(y: Array, rows: int) -> Array:
-    """Return `y` as a bool array of `rows` labels that holds both classes, or raise `BadValue`."""
-    y = np.asarray(y).astype(bool)
+def check_labels(y: Array, rows: int) -> None:
+    """Raise `BadValue` unless `y` has `rows` labels, both classes among them."""
     check(y.shape == (rows,), "y.shape", y.shape, allowed=f"({rows},), one label per row of x")
     count = int(y.sum())
     shown = f"{count} of {rows} training rows"
     hint = "use more rows"
     check(0 < count < rows, "reflectors", shown, allowed="must hold both classes", hint=hint)
-    return y

@@ -46,7 +46,7 @@ class Dataset:
             open_array(self.folder / name, size=entry["bytes"], sha256=entry["sha256"], mend=mend)
             for name, entry in files
         ]
-        self._ends = np.cumsum([len(shard) for shard in self._shards])
+        self._starts = np.cumsum([0, *map(len, self._shards[:-1])])
 
     def _check_format(self) -> None:
         """Refuse a set whose manifest or columns are those of another version."""
@@ -95,10 +95,9 @@ class Dataset:
         check(inside, "rows", asked, allowed=f"must be from 0 to {len(self) - 1}")
 
         # In their order the rows of one shard follow each other: it is mapped and let go once.
-        starts = self._ends - [len(shard) for shard in self._shards]
-        for shard, start, end in zip(self._shards, starts, self._ends, strict=True):
-            here = slice(*np.searchsorted(ordered, [start, end]))
-            if here.start < here.stop:
-                found[order[here]] = shard[name][ordered[here] - start]
+        places = np.split(order, np.searchsorted(ordered, self._starts[1:]))
+        for shard, start, here in zip(self._shards, self._starts, places, strict=True):
+            if len(here):
+                found[here] = shard[name][rows[here] - start]
                 let_go(shard)
         return found

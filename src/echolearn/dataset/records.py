@@ -23,6 +23,7 @@ Where it whitens, it is given a recording of the noise alone, made for each obse
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -53,8 +54,7 @@ def records(plan: Plan, rows: range) -> Array:
     """
     # What is known of the noise differs from row to row, so such rows are localized one by one.
     if plan.localizer.whiten and len(rows) > 1:
-        singles = [records(plan, rows[place : place + 1]) for place in range(len(rows))]
-        return np.concatenate(singles)
+        return np.concatenate([records(plan, range(row, row + 1)) for row in rows])
 
     scene = plan.scene
     spots: list[Spot] = []
@@ -78,10 +78,11 @@ def records(plan: Plan, rows: range) -> Array:
 
     echoes, columns = localize(observation, plan.localizer)
     estimates = np.stack([echoes.toa, echoes.azimuth, echoes.elevation], axis=-1)
-    known = [
-        _context(spot, copies=len(found)) | labels(found, spot, scene)
-        for spot, found in zip(spots, estimates, strict=True)
-    ]
+    contexts = [_context(spot) for spot in spots]
+    for name in contexts[0]:
+        values = np.array([context[name] for context in contexts])
+        columns[name] = np.repeat(values, estimates.shape[1], axis=0)
+    known = [labels(found, spot, scene) for found, spot in zip(estimates, spots, strict=True)]
     columns |= {name: np.concatenate([each[name] for each in known]) for name in known[0]}
     return _structured(columns)
 
@@ -91,12 +92,7 @@ def _with_noise(
 ) -> Observation:
     """Return an observation with what a recording of the noise alone, made there, tells of it."""
     alone = noise_alone(
-        spot.room,
-        spot.pose,
-        scene=scene,
-        seconds=NOISE_SECONDS,
-        levels=spot.levels,
-        rng=rng,
+        spot.room, spot.pose, scene=scene, seconds=NOISE_SECONDS, levels=spot.levels, rng=rng
     )
     amplified = 10.0 ** (spot.gain_db / 20.0) * alone
     return replace(
@@ -106,15 +102,15 @@ def _with_noise(
     )
 
 
-def _context(spot: Spot, *, copies: int) -> dict[str, Array]:
-    """Return what the localizer did not know of an observation, once for each of its echoes."""
+def _context(spot: Spot) -> dict[str, Any]:
+    """Return what the localizer did not know of an observation."""
     levels = spot.levels
-    context = {"snr_db": math.inf if levels.snr_db is None else levels.snr_db}
+    context: dict[str, Any] = {"snr_db": math.inf if levels.snr_db is None else levels.snr_db}
     if levels.sdnr_db is not None:
         context["sdnr_db"] = levels.sdnr_db
     if levels.pings > 1:
         context["pings"] = levels.pings
-    whereabouts = {
+    return context | {
         "gain_db": spot.gain_db,
         "t60": spot.room.t60,
         "room": spot.room.size,
@@ -122,7 +118,6 @@ def _context(spot: Spot, *, copies: int) -> dict[str, Array]:
         "heading": spot.pose.heading,
         "group": spot.group,
     }
-    return {name: np.array([value] * copies) for name, value in (context | whereabouts).items()}
 
 
 def labels(estimates: Array, spot: Spot, scene: Scene) -> dict[str, Array]:

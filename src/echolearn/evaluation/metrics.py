@@ -17,6 +17,8 @@ Conventions, valid for every function here and for those of maps:
 `rates`, `orders` or `evaluate_labels`.
 """
 
+from typing import Any
+
 import numpy as np
 
 from echolearn.acoustics.types import Array
@@ -201,6 +203,11 @@ def evaluate_labels(
     error = expected_calibration_error(reference, confidence, weights=weights)
     ranked = orders(reference, confidence, weights=weights) | {"expected_calibration_error": error}
     return ranked | rates(reference, kept(confidence, threshold), weights=weights)
+
+
+def finite(value: Any) -> float | None:
+    """Return a metric's value as JSON has it: None where there is none, NaN or an empty cell."""
+    return None if value == "" or not np.isfinite(float(value)) else float(value)
 
 
 def each_weight(column: Array, weights: Array | None) -> Array:

@@ -3,7 +3,6 @@
 What is there must be a map. Nothing is written before it is known that all of it can be.
 """
 
-import math
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
@@ -14,6 +13,7 @@ import numpy as np
 
 from echolearn.checks import BadValue, check
 from echolearn.evaluation.map_metrics import evaluate_map
+from echolearn.evaluation.metrics import finite
 from echolearn.mapping.mapped_walk import BAG, Files, MappedWalk
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
@@ -99,9 +99,7 @@ def describe_map(mapped: MappedWalk) -> dict[str, Any]:
             confidence=found.confidence,
             poses=found.poses,
         )
-        scores = {
-            key: float(value) if math.isfinite(value) else None for key, value in values.items()
-        }
+        scores = {key: finite(value) for key, value in values.items()}
     return {
         "kind": "map",
         "scores": scores,

@@ -20,20 +20,14 @@ import numpy as np
 import echolearn
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import check
-from echolearn.classifiers.inputs import COVARIANCE, as_input, view_of
+from echolearn.classifiers.inputs import COVARIANCE, as_input, stack_inputs, view_of
 from echolearn.dataset.labelled_set import Dataset
-from echolearn.evaluation import metrics, stats
+from echolearn.evaluation import metrics, scoring
 from echolearn.localization.columns import COVARIANCE_BANDS, UNITS
 from echolearn.robot import bundle, schema
 from echolearn.storage.identity import KIND, plain
 from echolearn.survey import audio
-from echolearn.training.predictions import (
-    held_out_rows,
-    label_rows,
-    load_scorer,
-    predict_rows,
-    stack_inputs,
-)
+from echolearn.training.predictions import held_out_rows, label_rows, load_scorer, predict_rows
 from echolearn.training.runs import Run
 
 LIBRARIES = ("numpy", "scipy", "onnxruntime", "torch", "scikit-learn")
@@ -141,19 +135,11 @@ def held_out_figures(run: Run, dataset: Dataset, *, resamples: int) -> dict[str,
     """
     predicted = predict_rows(run, dataset)
     labelled = label_rows(dataset, resamples=resamples)
-
-    def evaluate(weights: Array | None) -> dict[str, Array]:
-        """Return all metrics of the held-out rows."""
-        return metrics.evaluate_labels(
-            labelled.reference[predicted.rows],
-            predicted.confidence,
-            threshold=predicted.threshold,
-            weights=weights,
-        )
-
     figures = {}
-    for name, found in stats.intervals(evaluate, labelled.weights[:, predicted.rows]).items():
-        figures[name] = dict(zip(schema.FIGURE, map(_finite, found), strict=True))
+    for row in scoring.score_labels(run.model, [predicted], labelled=labelled):
+        # Rows of one band of SNR are of no use to a robot, which does not know its SNR.
+        if not row["snr_db"]:
+            figures[row["metric"]] = _figure(row)
     return {"set": dataset.name, "rows": len(predicted.rows), "figures": figures}
 
 
@@ -166,13 +152,13 @@ def map_figures(comparison: Path, run: Run) -> list[dict[str, Any]]:
         for row in DictReader(file):
             if row["metric"] in MAPS and wanted.items() <= row.items():
                 where = f"{row['tested_on']}/{row['localizer']}"
-                figures = {key: _finite(row[key]) for key in schema.FIGURE}
-                found.append({"tested_on": where, "metric": row["metric"], **figures})
+                found.append({"tested_on": where, "metric": row["metric"], **_figure(row)})
     return found
 
 
-def _finite(value: Any) -> float | None:
-    return None if value == "" or not np.isfinite(float(value)) else float(value)
+def _figure(row: Mapping[str, Any]) -> dict[str, float | None]:
+    """Return value and interval of a row of `results.csv`."""
+    return {key: metrics.finite(row[key]) for key in schema.FIGURE}
 
 
 def bundle_files(run: Run, dataset: Dataset, *, probe: Probe) -> dict[str, bytes]:
@@ -185,8 +171,8 @@ def bundle_files(run: Run, dataset: Dataset, *, probe: Probe) -> dict[str, bytes
     """
     score = load_scorer(run.folder)
     rows = held_out_rows(run, dataset)
-    columns = {name: dataset[name][rows] for name in run.inputs}
-    x = golden_inputs(as_input(stack_inputs(run.inputs, columns), run.inputs), score=score)
+    x = as_input(stack_inputs(run.inputs, dataset)[rows], run.inputs)
+    x = golden_inputs(x, score=score)
     buffer = BytesIO()
     np.savez(buffer, x=x, confidence=np.asarray(score(x), dtype=float))
     padded = np.pad(probe.samples, (0, probe.length - len(probe.samples)))

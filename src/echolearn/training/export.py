@@ -7,7 +7,6 @@ robot does.
 """
 
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from echolearn.dataset.labelled_set import Dataset
 from echolearn.robot import bundle, schema, scorer
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
-from echolearn.storage.once import once
+from echolearn.storage.once import locked
 from echolearn.training.bundle_contents import bundle_description, bundle_files, map_figures
 from echolearn.training.runs import Run, read_run
 
@@ -67,12 +66,11 @@ def export(
     about = bundle_description(source, dataset, array=array, probe=probe, resamples=resamples)
     about["metrics"]["maps"] = [] if best is None else map_figures(best, source)
     about |= {"name": name, **manifests.command_entry(command)}
-    check_free(folder, source)
     files = bundle_files(source, dataset, probe=probe)
-    finished = partial(_finished, folder, source, about=about, files=files)
-    make = partial(_write, folder, about=about, files=files)
-    once(folder, finished=finished, make=make, doing="exports it")
-    _load(folder)
+    with locked(folder, waiting=f"{name}: waiting for another command that exports it"):
+        check_free(folder, source)
+        if not _holds(folder, about, files):
+            _write(folder, about, files)
     return folder
 
 
@@ -154,31 +152,23 @@ def check_free(folder: Path, run: Run) -> None:
     check(other == run.identity, "name", folder.name, allowed=allowed, hint=hint)
 
 
-def _finished(
-    folder: Path, run: Run, *, about: Mapping[str, Any], files: Mapping[str, bytes]
-) -> Path | None:
-    """Return the folder if it holds exactly this bundle."""
-    # Asked again under the lock: another command may have taken the name meanwhile.
-    check_free(folder, run)
+def _holds(folder: Path, about: Mapping[str, Any], files: Mapping[str, bytes]) -> bool:
+    """Tell whether a folder holds exactly this bundle, and that loads."""
     try:
-        found = manifests.verify(folder)
+        found = scorer.load(folder).bundle.about
     except BadValue:
-        return None
+        return False
     same = {**found, **about} == found
-    same = same and all((folder / name).read_bytes() == data for name, data in files.items())
-    return folder if same else None
+    return same and all((folder / name).read_bytes() == data for name, data in files.items())
 
 
-def _write(folder: Path, *, about: Mapping[str, Any], files: Mapping[str, bytes]) -> Path:
+def _write(folder: Path, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
     clean(folder)
     for name, content in files.items():
         write_atomic(folder / name, content)
     manifests.finish(folder, about, files, last=manifests.BUNDLE)
-    return folder
 
-
-def _load(folder: Path) -> None:
-    """Load a bundle as a robot does; one that is refused there is not finished."""
+    # A bundle that is refused on a robot is not finished.
     try:
         scorer.load(folder)
     except BadValue:

@@ -3,21 +3,17 @@
 A run predicts by its exported model alone, `model.onnx`; the trained object is never loaded again.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.classifiers.inputs import COVARIANCE, as_input, view_of
+from echolearn.classifiers.inputs import as_input, stack_inputs
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import stats
-from echolearn.evaluation.rows import (
-    LabelledRows,
-    LocalizedSurvey,
-    Predictions,
-    Recordings,
-)
+from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Predictions, Recordings
 from echolearn.simulation.scene import noise_kind
 from echolearn.storage import manifests
 from echolearn.training.runs import Run
@@ -43,16 +39,9 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
     return lambda x: compute(as_input(x, inputs))
 
 
-def stack_inputs(names: Sequence[str], columns: Mapping[str, Array]) -> Array:
-    """Return what a classifier looks at, (B, K) or (B, bands, M * M), from columns (B, ...)."""
-    if view_of(names) == COVARIANCE:
-        return columns[names[0]]
-    return np.stack([columns[name] for name in names], axis=1)
-
-
-def predict(run: Run, columns: Mapping[str, Array]) -> Array:
-    """Return the belief in a reflector, shape (B,), from columns (B, ...) by name."""
-    confidence = load_scorer(run.folder)(stack_inputs(run.inputs, columns))
+def predict(run: Run, columns: Any, rows: Array | slice = slice(None)) -> Array:
+    """Return the belief in a reflector, shape (B,), in rows of a mapping's or a set's columns."""
+    confidence = load_scorer(run.folder)(stack_inputs(run.inputs, columns)[rows])
     return np.asarray(confidence, dtype=float)
 
 
@@ -78,8 +67,7 @@ def predict_rows(run: Run, dataset: Dataset, *, held_out: bool = False) -> Predi
     # What a run was trained on says nothing about what it can do.
     if held_out or run.data_digest == dataset.digest:
         rows = held_out_rows(run, dataset)
-    columns = {name: dataset[name][rows] for name in run.inputs}
-    return Predictions(run.seed, rows, predict(run, columns), run.threshold)
+    return Predictions(run.seed, rows, predict(run, dataset, rows), run.threshold)
 
 
 def predict_echoes(run: Run, survey: LocalizedSurvey) -> Predictions:

@@ -45,17 +45,17 @@ class Run:
     @property
     def seed(self) -> int:
         """Seed of the split and the classifier."""
-        return int(self.metrics["seed"])
+        return self.metrics["seed"]
 
     @property
     def data_digest(self) -> str:
         """Digest of the set it was trained on."""
-        return str(self.metrics["data"])
+        return self.metrics["data"]
 
     @property
     def threshold(self) -> float:
         """Confidence from which an echo is kept, chosen on validation data."""
-        return float(self.metrics["threshold"])
+        return self.metrics["threshold"]
 
     @property
     def inputs(self) -> Sequence[str]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check, check_number, check_whole
-from echolearn.classifiers.inputs import COVARIANCE, Rows, rows_of, view_of
+from echolearn.classifiers.inputs import COVARIANCE, Rows, rows_of, stack_inputs, view_of
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.storage.tables import check_plain
 
@@ -78,7 +78,7 @@ class LearningProblem:
             # Without rows this reads nothing, and fails now if there is no such tensor.
             self.dataset.gather(names[0], numbers[:0])
             return Rows(partial(self.dataset.gather, names[0]), numbers, names)
-        return rows_of(np.stack([self.dataset[name] for name in names], axis=1), names)
+        return rows_of(stack_inputs(names, self.dataset), names)
 
     def labels(self) -> Array:
         """Return the target of every row, shape (B,), bool."""

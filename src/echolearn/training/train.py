@@ -16,7 +16,6 @@ torch and scikit-learn are imported only when there is something to fit: finding
 takes milliseconds.
 """
 
-import math
 import shutil
 import sys
 import time
@@ -31,7 +30,7 @@ import numpy as np
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check, check_name
 from echolearn.classifiers.calibration import Calibrated, calibrate
-from echolearn.classifiers.classifier import Classifier
+from echolearn.classifiers.classifier import Classifier, Examples
 from echolearn.classifiers.inputs import Rows
 from echolearn.evaluation import metrics
 from echolearn.storage import files, manifests
@@ -183,7 +182,7 @@ def fit_calibrated(
     x = problem.inputs(model.inputs)
     y = problem.labels()
     unseen = (x.part(parts.validation), y[parts.validation])
-    model.fit(
+    examples = Examples(
         x.part(parts.train),
         y[parts.train],
         groups=problem.groups()[parts.train],
@@ -191,6 +190,7 @@ def fit_calibrated(
         folder=folder,
         seed=problem.seed,
     )
+    model.fit(examples)
     return calibrate(model, *unseen)
 
 
@@ -222,7 +222,7 @@ def evaluate_rows(
     confidence = fitted.confidence(problem.inputs(fitted.classifier.inputs).part(rows))
     reference = problem.labels()[rows]
     values = metrics.evaluate_labels(reference, confidence, threshold=fitted.threshold)
-    return {name: float(value) if math.isfinite(value) else None for name, value in values.items()}
+    return {name: metrics.finite(value) for name, value in values.items()}
 
 
 def cross_validate(

@@ -2,7 +2,8 @@
 
 The loss is the cross-entropy of the logit, the optimiser AdamW. After each epoch the validation
 loss is taken; training stops when it has not fallen for `patience` epochs, and the best epoch's
-weights are put back. The run folder receives `best.ckpt`, `metrics.csv` and TensorBoard events.
+weights are put back. The run folder receives these (`best.safetensors`), `metrics.csv` and
+TensorBoard's events.
 
 Batches come from memory or, of large sets, from the shards (`batches`). One thread; two runs side
 by side use two cores. `accelerator` says what trains: the CPU, or what Lightning finds ("auto",
@@ -20,29 +21,30 @@ from pathlib import Path
 from typing import Any, Self
 
 import torch
-from lightning.fabric.plugins import TorchCheckpointIO
+from lightning.fabric.plugins.environments.lightning import LightningEnvironment
+from lightning.fabric.utilities.rank_zero import rank_zero_only
 from lightning.pytorch import LightningModule, Trainer
-from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
+from lightning.pytorch.callbacks import EarlyStopping
 from lightning.pytorch.core.optimizer import LightningOptimizer
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+from safetensors.torch import load, save
 from torch import nn
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check
 from echolearn.classifiers.batches import BLOCK, Batches, WholeEpoch, source_of
-from echolearn.classifiers.classifier import check_settings
+from echolearn.classifiers.classifier import Examples, check_settings
 from echolearn.classifiers.inputs import (
     COVARIANCE,
     FEATURES,
     Inputs,
     blocks_of,
     check_inputs,
-    check_labels,
     rows_of,
     view_of,
 )
 from echolearn.classifiers.remarks import without_remarks
-from echolearn.classifiers.standardise import Standardise
+from echolearn.classifiers.standardise import standardiser
 from echolearn.storage.files import write_atomic
 
 
@@ -101,65 +103,47 @@ class Network:
         with seeded(0):
             self.net(shape)
 
-    def fit(
-        self,
-        x: Inputs,
-        y: Array,
-        *,
-        groups: Array,
-        validation: tuple[Inputs, Array],
-        folder: Path,
-        seed: int,
-    ) -> Self:
-        """Train until the validation loss stops falling, and keep the best epoch.
-
-        Args:
-            x, y, groups, validation, folder, seed: as `Classifier.fit` has them.
-        """
-        rows = rows_of(x, self.inputs)
-        unseen = rows_of(validation[0], self.inputs)
-        y = check_labels(y, len(rows))
-        standardise = Standardise(rows)
-        with seeded(seed), without_remarks():
-            training = Training(self.net(rows.shape[1:]), self)
-            source = source_of(rows, standardise)
-            batches = Batches(source, y, size=self.batch_size, seed=seed)
-            held = Batches(source_of(unseen, standardise), validation[1], size=BLOCK)
-            trainer, best = self.trainer(folder)
+    def fit(self, examples: Examples) -> Self:
+        """Train until the validation loss stops falling, and keep the best epoch."""
+        rows = rows_of(examples.x, self.inputs)
+        unseen, labels = examples.validation
+        scale = standardiser(rows)
+        with seeded(examples.seed), without_remarks():
+            best = examples.folder / "best.safetensors"
+            training = Training(self.net(rows.shape[1:]), self, best=best)
+            source = source_of(rows, scale)
+            batches = Batches(source, examples.y, size=self.batch_size, seed=examples.seed)
+            held = Batches(source_of(rows_of(unseen, self.inputs), scale), labels, size=BLOCK)
+            trainer = self.trainer(examples.folder)
             trainer.fit(training, WholeEpoch(batches), WholeEpoch(held))
         self.device = trainer.strategy.root_device.type
 
         # The last epochs are those that did no better: the best one's weights are put back.
-        state = torch.load(best.best_model_path, weights_only=True, map_location="cpu")
-        training.cpu().load_state_dict(state["state_dict"])
-        self.fitted = nn.Sequential(standardise, training.net).eval()
+        training.net.cpu().load_state_dict(load(best.read_bytes()))
+        self.fitted = nn.Sequential(scale, training.net).eval()
         return self
 
-    def trainer(self, folder: Path) -> tuple[Trainer, ModelCheckpoint]:
-        """Return a quiet trainer that logs into `folder`, and what keeps the best epoch there."""
+    def trainer(self, folder: Path) -> Trainer:
+        """Return a quiet trainer that logs into `folder`, alone whatever started the process."""
+        # Launchers say by variables which of several processes this is; Lightning reads them when
+        # it is imported, and all but the first of them would write nothing.
+        rank_zero_only.rank = 0  # type: ignore[attr-defined]
         place: dict[str, Any] = {"save_dir": str(folder), "name": "", "version": ""}
-        best = ModelCheckpoint(
-            folder,
-            "best",
-            monitor="val/loss",
-            save_weights_only=True,
-            enable_version_counter=False,
-        )
         board = TensorBoardLogger(**place, default_hp_metric=False, flush_secs=5)
-        trainer = Trainer(
+        return Trainer(
             accelerator=self.accelerator,
             devices=1,
             # Sums on a GPU come in any order unless it is told otherwise.
             deterministic=None if self.accelerator == "cpu" else "warn",
             max_epochs=self.epochs,
-            callbacks=[EarlyStopping("val/loss", patience=self.patience), best],
+            callbacks=[EarlyStopping("val/loss", patience=self.patience)],
             logger=[CSVLogger(**place), board],
-            plugins=[StagedCheckpoints()],
+            plugins=[LightningEnvironment()],
             num_sanity_val_steps=0,
+            enable_checkpointing=False,
             enable_progress_bar=False,
             enable_model_summary=False,
         )
-        return trainer, best
 
     def decision(self, x: Inputs) -> Array:
         """Return the logit, shape (B,)."""
@@ -182,10 +166,19 @@ def accelerators() -> list[str]:
 class Training(LightningModule):
     """A network with its loss and optimiser; a step is an epoch."""
 
-    def __init__(self, net: nn.Module, settings: Network) -> None:
+    def __init__(self, net: nn.Module, settings: Network, *, best: Path) -> None:
+        """Make a network ready for training.
+
+        Args:
+            net: what is trained.
+            settings: how.
+            best: file for the weights of the epoch with the lowest validation loss.
+        """
         super().__init__()
         self.net = net
         self.settings = settings
+        self.best = best
+        self.lowest = torch.tensor(torch.inf)
         self.loss = nn.BCEWithLogitsLoss()
         self.automatic_optimization = False
 
@@ -210,11 +203,17 @@ class Training(LightningModule):
         self.log("train/loss", total / batches.rows, on_step=False, on_epoch=True, batch_size=1)
 
     def validation_step(self, batches: Batches, _index: int) -> None:
-        """Log the mean loss on unseen positions."""
+        """Log the mean loss on unseen positions, and keep the weights if it is the lowest."""
         total = torch.zeros((), device=self.device)
         for x, y in batches:
             total += self.loss_of(x.to(self.device), y) * len(y)
-        self.log("val/loss", total / batches.rows, batch_size=1)
+        loss = (total / batches.rows).cpu()
+        self.log("val/loss", loss, batch_size=1)
+        if loss < self.lowest or self.current_epoch == 0:
+            self.lowest = loss
+            # Tensors that share their memory are written twice, which safetensors insists on.
+            weights = {name: value.clone() for name, value in self.net.state_dict().items()}
+            write_atomic(self.best, save(weights))
 
     def on_train_epoch_start(self) -> None:
         """Bring the last epoch's figures to disk."""
@@ -225,26 +224,6 @@ class Training(LightningModule):
         """Return AdamW."""
         decay = self.settings.weight_decay
         return torch.optim.AdamW(self.parameters(), lr=self.settings.lr, weight_decay=decay)
-
-
-class StagedCheckpoints(TorchCheckpointIO):
-    """Checkpoints written beside their final name and renamed.
-
-    Lightning stages them in TMPDIR; from another file system the last step is a copy, which SIGKILL
-    can tear.
-    """
-
-    def save_checkpoint(
-        self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None
-    ) -> None:
-        """Write a checkpoint in one step.
-
-        Args:
-            checkpoint: what to write.
-            path: where.
-            storage_options: not used.
-        """
-        write_atomic(Path(path), lambda file: torch.save(checkpoint, file))
 
 
 @contextmanager

@@ -14,8 +14,8 @@ fit takes a random part of the positions. Both numbers stand in the run's metric
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Self
+from functools import partial
+from typing import Self
 
 import numpy as np
 import torch
@@ -23,15 +23,15 @@ from scipy.spatial.distance import cdist
 from sklearn import config_context
 from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import StratifiedGroupKFold
-from sklearn.pipeline import Pipeline
+from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 from sklearn.utils.parallel import Parallel, delayed
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check, check_list, check_number
-from echolearn.classifiers.classifier import check_settings
-from echolearn.classifiers.constants import register_constants
+from echolearn.classifiers.classifier import Examples, check_settings
+from echolearn.classifiers.constants import Formula
 from echolearn.classifiers.inputs import Inputs, as_input, check_inputs, check_labels
 
 
@@ -79,24 +79,12 @@ class Svm:
             n_jobs=(1, 256),
         )
 
-    def fit(
-        self,
-        x: Inputs,
-        y: Array,
-        *,
-        groups: Array,
-        validation: tuple[Inputs, Array],
-        folder: Path,
-        seed: int,
-    ) -> Self:
-        """Choose C and gamma by cross-validation, then fit with them.
-
-        Args:
-            x, y, groups, validation, folder, seed: as `Classifier.fit` has them.
-        """
-        x = as_input(x, self.inputs).astype(float)
-        y = check_labels(y, len(x))
-        groups = np.asarray(groups)
+    def fit(self, examples: Examples) -> Self:
+        """Choose C and gamma by cross-validation, then fit with them."""
+        x = as_input(examples.x, self.inputs).astype(float)
+        y = examples.y
+        groups = examples.groups
+        seed = examples.seed
         seen = some_positions(groups, rows=self.search_rows, seed=seed)
         rows = some_positions(groups, rows=self.fit_rows, seed=seed)
         check_labels(y[rows], len(rows))
@@ -104,9 +92,8 @@ class Svm:
         self.cross_validation = found | {"search_rows": len(seen), "fit_rows": len(rows)}
 
         # Fitted once more, to more rows than the search could afford.
-        svm = SVC(kernel="rbf", cache_size=200, C=found["c"], gamma=found["gamma"])
-        self.pipeline = Pipeline([("scaler", StandardScaler()), ("svm", svm)])
-        self.pipeline.fit(x[rows], y[rows])
+        svm = SVC(cache_size=200, C=found["c"], gamma=found["gamma"])
+        self.pipeline = make_pipeline(StandardScaler(), svm).fit(x[rows], y[rows])
         return self
 
     def search(self, x: Array, y: Array, *, groups: Array, seed: int) -> dict[str, float]:
@@ -171,7 +158,17 @@ class Svm:
 
     def scorer(self) -> torch.nn.Module:
         """Return the kernel expansion as a torch module."""
-        return KernelSum(self.pipeline["scaler"], self.pipeline["svm"])
+        scaler, svm = self.pipeline
+        support = svm.support_vectors_
+        return Formula(
+            partial(kernel_sum, gamma=float(svm.gamma)),
+            mean=scaler.mean_,
+            scale=scaler.scale_,
+            support=support.T,
+            square=(support**2).sum(axis=1),
+            weight=svm.dual_coef_[0],
+            offset=svm.intercept_,
+        )
 
 
 def some_positions(groups: Array, *, rows: int, seed: int) -> Array:
@@ -189,37 +186,30 @@ def some_positions(groups: Array, *, rows: int, seed: int) -> Array:
     return np.flatnonzero(np.isin(groups, ids[:share]))
 
 
-class KernelSum(torch.nn.Module):
-    """A fitted RBF-SVM in float64: in float32 its large sums would lose the last digits."""
+def kernel_sum(
+    x: torch.Tensor,
+    *,
+    gamma: float,
+    mean: torch.Tensor,
+    scale: torch.Tensor,
+    support: torch.Tensor,
+    square: torch.Tensor,
+    weight: torch.Tensor,
+    offset: torch.Tensor,
+) -> torch.Tensor:
+    """Return d, shape (B,), in float64: in float32 its large sums would lose the last digits.
 
-    mean: torch.Tensor
-    scale: torch.Tensor
-    support: torch.Tensor
-    square: torch.Tensor
-    weight: torch.Tensor
-    offset: torch.Tensor
+    Args:
+        x: columns, shape (B, K).
+        gamma: width of the kernel, per squared standard deviation.
+        mean, scale: of each column, shape (K,).
+        support, square: z_i, shape (K, I), and |z_i|^2, shape (I,).
+        weight, offset: alpha_i, shape (I,), and rho.
+    """
+    # No training row is beyond 1e5 deviations, so a row out there is at distance infinity either
+    # way; clamped, |z|^2 - 2 z.z_i + |z_i|^2 stays finite.
+    z = ((x.double() - mean) / scale).clamp(-1e5, 1e5)
+    distance = (z * z).sum(dim=1, keepdim=True) - 2.0 * (z @ support) + square
 
-    def __init__(self, scaler: StandardScaler, svm: SVC) -> None:
-        super().__init__()
-        self.gamma = float(svm.gamma)
-        support: Any = svm.support_vectors_
-        register_constants(
-            self,
-            mean=scaler.mean_,
-            scale=scaler.scale_,
-            support=support.T,
-            square=(support**2).sum(axis=1),
-            weight=svm.dual_coef_[0],
-            offset=svm.intercept_,
-        )
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Map (B, K) to (B,)."""
-        # No training row is beyond 1e5 deviations, so a row out there is at distance infinity
-        # either way; clamped, |z|^2 - 2 z.z_i + |z_i|^2 stays finite.
-        z = ((x.double() - self.mean) / self.scale).clamp(-1e5, 1e5)
-        distance = (z * z).sum(dim=1, keepdim=True) - 2.0 * (z @ self.support) + self.square
-
-        # Rounding leaves squares of distances slightly below zero.
-        kernel = torch.exp(-self.gamma * distance.clamp(min=0.0))
-        return kernel @ self.weight + self.offset
+    # Rounding leaves squares of distances slightly below zero.
+    return torch.exp(-gamma * distance.clamp(min=0.0)) @ weight + offset

@@ -7,7 +7,6 @@ validation data.
 """
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Self
 
 import torch
@@ -15,8 +14,9 @@ from scipy.stats import rankdata
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check
-from echolearn.classifiers.constants import register_constants
-from echolearn.classifiers.inputs import Inputs, as_input, check_inputs, check_labels
+from echolearn.classifiers.classifier import Examples
+from echolearn.classifiers.constants import Formula
+from echolearn.classifiers.inputs import Inputs, as_input, check_inputs
 
 
 @dataclass
@@ -37,23 +37,10 @@ class Threshold:
         allowed = "a threshold looks at one column"
         check(len(self.inputs) == 1, "classifier.inputs", shown, allowed=allowed)
 
-    def fit(
-        self,
-        x: Inputs,
-        y: Array,
-        *,
-        groups: Array,
-        validation: tuple[Inputs, Array],
-        folder: Path,
-        seed: int,
-    ) -> Self:
-        """Learn scale and sign.
-
-        Args:
-            x, y, groups, validation, folder, seed: as `Classifier.fit` has them.
-        """
-        column = as_input(x, self.inputs)[:, 0].astype(float)
-        y = check_labels(y, len(column))
+    def fit(self, examples: Examples) -> Self:
+        """Learn scale and sign."""
+        column = as_input(examples.x, self.inputs)[:, 0].astype(float)
+        y = examples.y
 
         # Ranks, not values: a few huge outliers would decide the sign of a difference of means.
         ranks = rankdata(column)
@@ -69,19 +56,14 @@ class Threshold:
 
     def scorer(self) -> torch.nn.Module:
         """Return the function as a torch module."""
-        return Affine(self.mean, self.slope)
+        return Formula(affine, mean=self.mean, slope=self.slope)
 
 
-class Affine(torch.nn.Module):
-    """(x - mean) slope of the only column, in float64."""
+def affine(x: torch.Tensor, *, mean: torch.Tensor, slope: torch.Tensor) -> torch.Tensor:
+    """Return (x - mean) slope of the only column, shape (B,), in float64.
 
-    mean: torch.Tensor
-    slope: torch.Tensor
-
-    def __init__(self, mean: float, slope: float) -> None:
-        super().__init__()
-        register_constants(self, mean=mean, slope=slope)
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Map (B, 1) to (B,)."""
-        return (x[:, 0].double() - self.mean) * self.slope
+    Args:
+        x: shape (B, 1).
+        mean, slope: numbers.
+    """
+    return (x[:, 0].double() - mean) * slope

@@ -8,7 +8,7 @@ loss stops falling. The scorer walks all trees at once: one node index per row a
 """
 
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -16,9 +16,9 @@ import torch
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from echolearn.acoustics.types import Array
-from echolearn.classifiers.classifier import check_settings
-from echolearn.classifiers.constants import register_constants
-from echolearn.classifiers.inputs import Inputs, as_input, check_inputs, check_labels
+from echolearn.classifiers.classifier import Examples, check_settings
+from echolearn.classifiers.constants import Formula
+from echolearn.classifiers.inputs import Inputs, as_input, check_inputs
 
 
 @dataclass
@@ -60,25 +60,10 @@ class Trees:
             patience=(1, 5000),
         )
 
-    def fit(
-        self,
-        x: Inputs,
-        y: Array,
-        *,
-        groups: Array,
-        validation: tuple[Inputs, Array],
-        folder: Path,
-        seed: int,
-    ) -> Self:
-        """Add trees until the validation loss stops falling.
-
-        Args:
-            x, y, groups, validation, folder, seed: as `Classifier.fit` has them.
-        """
-        x = as_input(x, self.inputs).astype(float)
-        y = check_labels(y, len(x))
-        unseen = as_input(validation[0], self.inputs).astype(float)
-        unseen_labels = np.asarray(validation[1]).astype(bool)
+    def fit(self, examples: Examples) -> Self:
+        """Add trees until the validation loss stops falling."""
+        x = as_input(examples.x, self.inputs).astype(float)
+        unseen = as_input(examples.validation[0], self.inputs).astype(float)
         self.model = HistGradientBoostingClassifier(
             max_iter=self.iterations,
             learning_rate=self.learning_rate,
@@ -88,9 +73,9 @@ class Trees:
             l2_regularization=self.l2,
             early_stopping=True,
             n_iter_no_change=self.patience,
-            random_state=seed,
+            random_state=examples.seed,
         )
-        self.model.fit(x, y, X_val=unseen, y_val=unseen_labels)
+        self.model.fit(x, examples.y, X_val=unseen, y_val=examples.validation[1])
         return self
 
     def decision(self, x: Inputs) -> Array:
@@ -101,54 +86,63 @@ class Trees:
     def scorer(self) -> torch.nn.Module:
         """Return the trees as a torch module."""
         trees = [iteration[0].nodes for iteration in self.model._predictors]
-        return Forest(trees, float(self.model._baseline_prediction[0, 0]))
+        return forest(trees, float(self.model._baseline_prediction[0, 0]))
 
 
-class Forest(torch.nn.Module):
-    """Binary trees, all walked together; a leaf is a node whose children are itself."""
+def forest(trees: list[Any], baseline: float) -> Formula:
+    """Return binary trees as one table of nodes; a leaf is a node whose children are itself.
 
-    root: torch.Tensor
-    child: torch.Tensor
-    feature: torch.Tensor
-    limit: torch.Tensor
-    value: torch.Tensor
-    baseline: torch.Tensor
+    Args:
+        trees: nodes of each tree, as scikit-learn's predictors have them.
+        baseline: logit to which the trees add.
+    """
+    nodes = np.concatenate(trees)
+    leaf = nodes["is_leaf"].astype(bool)
 
-    def __init__(self, trees: list[Any], baseline: float) -> None:
-        """Join trees into one table of nodes.
+    # Children are numbered within their tree: in the table they follow its first node.
+    sizes = [len(tree) for tree in trees]
+    root = np.cumsum([0, *sizes[:-1]])
+    children = np.stack([nodes["left"], nodes["right"]], axis=1).astype(np.int64)
+    children += np.repeat(root, sizes)[:, None]
 
-        Args:
-            trees: nodes of each tree, as scikit-learn's predictors have them.
-            baseline: logit to which the trees add.
-        """
-        super().__init__()
-        self.depth = max(int(nodes["depth"].max()) for nodes in trees)
-        nodes = np.concatenate(trees)
-        leaf = nodes["is_leaf"].astype(bool)
+    # A row that has reached a leaf stays there while others still descend.
+    children[leaf] = np.flatnonzero(leaf)[:, None]
+    return Formula(
+        partial(walk, depth=int(nodes["depth"].max())),
+        root=root[None],
+        child=children.ravel(),
+        feature=np.where(leaf, 0, nodes["feature_idx"]).astype(np.int64),
+        limit=np.where(leaf, 0.0, nodes["num_threshold"]),
+        value=np.where(leaf, nodes["value"], 0.0),
+        baseline=baseline,
+    )
 
-        # Children are numbered within their tree: in the table they follow its first node.
-        sizes = [len(tree) for tree in trees]
-        root = np.cumsum([0, *sizes[:-1]])
-        children = np.stack([nodes["left"], nodes["right"]], axis=1).astype(np.int64)
-        children += np.repeat(root, sizes)[:, None]
 
-        # A row that has reached a leaf stays there while others still descend.
-        children[leaf] = np.flatnonzero(leaf)[:, None]
-        register_constants(
-            self,
-            root=root[None],
-            child=children.ravel(),
-            feature=np.where(leaf, 0, nodes["feature_idx"]).astype(np.int64),
-            limit=np.where(leaf, 0.0, nodes["num_threshold"]),
-            value=np.where(leaf, nodes["value"], 0.0),
-            baseline=baseline,
-        )
+def walk(
+    x: torch.Tensor,
+    *,
+    depth: int,
+    root: torch.Tensor,
+    child: torch.Tensor,
+    feature: torch.Tensor,
+    limit: torch.Tensor,
+    value: torch.Tensor,
+    baseline: torch.Tensor,
+) -> torch.Tensor:
+    """Return the logits, shape (B,): all trees are walked together.
 
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Map (B, K) to (B,)."""
-        x = x.double()
-        node = self.root + torch.zeros_like(x[:, :1], dtype=torch.int64)
-        for _ in range(self.depth):
-            right = x.gather(1, self.feature[node]) > self.limit[node]
-            node = self.child[2 * node + right.long()]
-        return self.value[node].sum(dim=1) + self.baseline
+    Args:
+        x: columns, shape (B, K).
+        depth: steps from the root to the farthest leaf.
+        root: first node of each tree, shape (1, trees).
+        child: node to the left and to the right of each, shape (2 nodes,).
+        feature, limit, value: column that a node asks for, the largest number that goes left, and
+            what a leaf adds; each of shape (nodes,).
+        baseline: logit to which the trees add.
+    """
+    x = x.double()
+    node = root + torch.zeros_like(x[:, :1], dtype=torch.int64)
+    for _ in range(depth):
+        right = x.gather(1, feature[node]) > limit[node]
+        node = child[2 * node + right.long()]
+    return value[node].sum(dim=1) + baseline
