@@ -17,6 +17,7 @@ from echolearn.acoustics.types import Array, Echoes, MicArray, Observation
 from echolearn.bench import equations
 from echolearn.checks import BadValue
 from echolearn.localization.faults import SilentMicrophone
+from echolearn.localization.localize import localize
 from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from reference import FIRST, LAST, RATE, RING, observed, turn, wave, white
@@ -249,8 +250,21 @@ BAD = [
     ("echoes", "many"),
     ("echoes", 0),
 ]
-BAD += [("whiten", "loud"), ("whiten", None), ("whiten", 1), ("gamma", 2.0), ("beam", "mvdr")]
-BAD += [("elevations", 0), ("iterations", 0), ("loading", -1.0), ("false_alarm", 0.0)]
+BAD += [
+    ("sign", "negative"),
+    ("whiten", "loud"),
+    ("whiten", None),
+    ("whiten", 1),
+    ("gamma", 2.0),
+    ("beam", "mvdr"),
+]
+BAD += [
+    ("elevations", 0),
+    ("iterations", 0),
+    ("loading", -1.0),
+    ("false_alarm", 0.0),
+    ("sign", "no"),
+]
 
 
 @pytest.mark.parametrize(("argument", "value"), BAD)
@@ -314,6 +328,21 @@ def test_sound_recordings_are_not_complained_of(localizer: Localizer) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         localizer(observed(PROBE, noisy(0.5), coarse, 1e-9 * noisy(0.5)))
+
+
+# ---------------------------------------------------------------- sign
+
+
+def test_echoes_of_either_sign_are_found_where_they_are_sought(localizer: Localizer) -> None:
+    """What is turned comes out as if it were not, beside what is upright."""
+    upright = observed(PROBE, noisy(0.5), noisy(-2.0, 201))
+    turned = replace(upright, samples=upright.samples * np.array([1.0, -1.0])[:, None, None])
+    either = replace(localizer, sign="either")  # type: ignore[type-var]
+    assert same(either(turned), localizer(upright))
+    assert not same(localizer(turned), localizer(upright))
+    expected = localize(upright, localizer)[1]
+    columns = localize(turned, either)[1]
+    assert all(np.array_equal(columns[name], expected[name]) for name in expected)
 
 
 # ---------------------------------------------------------------- whitening

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from echolearn.checks import BadValue
+from echolearn.localization.methods.gated import Gated
 from echolearn.storage.identity import by_short_names, canonical, digest, kind_of, plain
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -52,3 +53,9 @@ def test_names_are_short_and_arrays_are_known_by_their_bytes() -> None:
         "sha256": "af5570f5a1810b7af78caf4bc70a660f0df51e42baf91d4de5b2328de0e83dfc",
     }
     assert plain({"a": (np.float64(1.5), np.zeros(1))}) == {"a": [1.5, zero]}
+
+
+def test_a_field_that_came_later_counts_from_where_it_is_set() -> None:
+    """Sets made before there was one keep their names."""
+    assert "sign" not in plain(Gated())
+    assert plain(Gated(sign="either"))["sign"] == "either"

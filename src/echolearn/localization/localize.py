@@ -36,6 +36,8 @@ def localize(
         BadValue: recordings that cannot be analysed (`faults`).
     """
     view = MatchedFilter(observation, localizer.window)
-    echoes = localizer(observation, view)
+    if localizer.sign == "either":
+        view = view.upright()
+    echoes = localizer(view.observation, view)
     # Of several echoes each is described as the others leave it.
     return echoes, describe(separate(view, echoes), echoes, names=names)

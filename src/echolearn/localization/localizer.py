@@ -35,6 +35,10 @@ class Localizer(Protocol):
     def whiten(self) -> bool | str:
         """Way in which it divides by the noise's density first, if any."""
 
+    @property
+    def sign(self) -> str:
+        """Sign of the echoes that it seeks, positive or either."""
+
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Return the echoes, fields (B, R), of observations with samples (B, M, N).
 
@@ -48,6 +52,8 @@ def check_arguments(localizer: Localizer, *ways: str) -> None:
     """Raise `BadValue` for arguments that no localizer can use; `whiten` may also be in `ways`."""
     check_whole("localizer.azimuths", localizer.azimuths, low=8, high=3600)
     check_whole("localizer.echoes", localizer.echoes, low=1, high=64)
+    known = localizer.sign in ("positive", "either")
+    check(known, "localizer.sign", localizer.sign, allowed="must be positive or either")
     check(
         isinstance(localizer.whiten, bool) or localizer.whiten in ways,
         "localizer.whiten",
@@ -86,6 +92,8 @@ def prepare(
         view = MatchedFilter(quiet, window, azimuths, white=True)
     elif view is None or (view.window, view.azimuths) != (window, azimuths):
         view = MatchedFilter(observation, window, azimuths)
+    if localizer.sign == "either":
+        view = view.upright()
     check_echoes(view, localizer.echoes)
     warn_of_silent(view.silent, reference=reference)
     return view

@@ -6,7 +6,7 @@ which the echo-gated direction is one row.
 """
 
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -122,6 +122,19 @@ class MatchedFilter:
             vars(other).pop(name, None)
         vars(other)["padded"] = padded
         return other
+
+    def upright(self) -> "MatchedFilter":
+        """Return a view in which the largest |r_m| of each recording is positive.
+
+        Recordings of echoes whose sign is turned are turned; one that is upright stays as it is.
+        """
+        outputs = self.correlation
+        down = -outputs.min(axis=(-2, -1)) > outputs.max(axis=(-2, -1))
+        if not down.any():
+            return self
+        sign = np.where(down, -1.0, 1.0)[:, None, None]
+        turned = replace(self.observation, samples=sign * self.observation.samples)
+        return replace(self, observation=turned).with_outputs(sign * self.padded)
 
     def toa(self, index: Array) -> Array:
         """Return times of arrival in s of lag indices into the window, any shape."""

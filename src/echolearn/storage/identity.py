@@ -21,6 +21,10 @@ from echolearn.checks import BadValue
 KIND = "kind"
 """Key under which a short name stands."""
 
+LATER = {"later": True}
+"""Metadata of a field that came after values of its class had been made: while it has its default,
+it is no part of their identity, so that what was made before keeps its name."""
+
 TARGET = "_target_"
 """Key under which a configuration names what it calls."""
 
@@ -62,7 +66,11 @@ def plain(value: Any) -> Any:
     A dataclass becomes its kind and its fields, an array its shape and its SHA-256.
     """
     if is_dataclass(value) and not isinstance(value, type):
-        items = {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        items = {
+            field.name: plain(getattr(value, field.name))
+            for field in fields(value)
+            if not (field.metadata == LATER and getattr(value, field.name) == field.default)
+        }
         return {KIND: kind_of(value), **items}
     if isinstance(value, np.ndarray):
         content = np.ascontiguousarray(value).tobytes()

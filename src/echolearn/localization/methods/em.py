@@ -20,6 +20,7 @@ from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import expect_maximize
 from echolearn.localization.whitening import noise_weights
+from echolearn.storage.identity import LATER
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Em:
         weigh: whether to weight microphones by one over their noise power.
         refine: whether to look between the samples and the grid's directions.
         whiten: whether to divide by the square root of the observation's `noise_psd` first.
+        sign: of the echoes, positive or either (the largest |r|).
     """
 
     window: SearchWindow = field(default_factory=SearchWindow)
@@ -43,6 +45,7 @@ class Em:
     weigh: bool = True
     refine: bool = True
     whiten: bool = False
+    sign: str = field(default="positive", metadata=LATER)
 
     def __post_init__(self) -> None:
         check_arguments(self)

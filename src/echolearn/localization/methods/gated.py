@@ -28,6 +28,7 @@ from echolearn.localization.correlations import PAD, interpolate
 from echolearn.localization.estimates import reference_echoes
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import GATE, MatchedFilter, check_extent
+from echolearn.storage.identity import LATER
 
 TABLE = 16
 """Points per lag of the table from which aligned outputs are read, linearly in between."""
@@ -44,6 +45,7 @@ class Gated:
         beam: das or mpdr.
         gamma: regularisation of the covariance (Eq. 18); `das` has no use for it.
         whiten: whether to divide by the square root of the observation's `noise_psd` first.
+        sign: of the echoes, positive or either (the largest |r|).
     """
 
     window: SearchWindow = field(default_factory=SearchWindow)
@@ -52,6 +54,7 @@ class Gated:
     beam: str = "das"
     gamma: float = 0.1
     whiten: bool = False
+    sign: str = field(default="positive", metadata=LATER)
 
     def __post_init__(self) -> None:
         check_arguments(self)

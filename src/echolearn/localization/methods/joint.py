@@ -21,6 +21,7 @@ from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.spatial import spatial
 from echolearn.localization.whitening import noise_coherence, with_density
+from echolearn.storage.identity import LATER
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Joint:
         refine: whether to look between the samples and the grid's directions.
         whiten: whether to divide by the square root of the observation's `noise_psd` first;
             "spatial" also weighs microphones together by its `noise_covariance`.
+        sign: of the echoes, positive or either (the largest |r|).
     """
 
     window: SearchWindow = field(default_factory=SearchWindow)
@@ -41,6 +43,7 @@ class Joint:
     echoes: int = 1
     refine: bool = True
     whiten: bool | str = False
+    sign: str = field(default="positive", metadata=LATER)
 
     def __post_init__(self) -> None:
         check_arguments(self, "spatial")

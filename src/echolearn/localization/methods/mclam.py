@@ -32,6 +32,7 @@ from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.search import Peak
 from echolearn.localization.whitening import noise_variance
+from echolearn.storage.identity import LATER
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ class Mclam:
         gamma: regularisation of the covariance (Eq. 18).
         false_alarm: share of recordings without an echo in which the detector sees one.
         whiten: whether to divide by the square root of the observation's `noise_psd` first.
+        sign: of the echoes, positive or either (the largest |r|).
     """
 
     window: SearchWindow = field(default_factory=SearchWindow)
@@ -51,6 +53,7 @@ class Mclam:
     gamma: float = 0.1
     false_alarm: float = 0.05
     whiten: bool = False
+    sign: str = field(default="positive", metadata=LATER)
 
     @property
     def echoes(self) -> int:

@@ -21,6 +21,7 @@ from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.estimates import echoes_at, mpdr_echoes
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
+from echolearn.storage.identity import LATER
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Peaks:
         echoes: R, the highest peaks at least `matched_filter.PEAK_SPACING` samples apart.
         loading: addition to the probe's power density, relative to its mean; 0 is plain division.
         whiten: whether to divide by the square root of the observation's `noise_psd` first.
+        sign: of the echoes, positive or either (the largest |r|).
     """
 
     window: SearchWindow = field(default_factory=SearchWindow)
@@ -42,6 +44,7 @@ class Peaks:
     echoes: int = 1
     loading: float = 0.0
     whiten: bool = False
+    sign: str = field(default="positive", metadata=LATER)
 
     def __post_init__(self) -> None:
         check_arguments(self)

@@ -18,6 +18,7 @@ from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.estimates import mpdr_echoes, reference_echoes
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.storage.identity import LATER
 
 MOST_DIRECTIONS = 7200
 """Largest grid: its steering weights take 36 * 442 * 4 bytes a direction for 6 microphones."""
@@ -34,6 +35,7 @@ class Snls:
         gamma: regularisation of the covariance (Eq. 18).
         echoes: R; 1 is the paper, more are found by RELAX, in the array's plane.
         whiten: whether to divide by the square root of the observation's `noise_psd` first.
+        sign: of the echoes, positive or either (the largest |r|).
     """
 
     window: SearchWindow = field(default_factory=SearchWindow)
@@ -42,6 +44,7 @@ class Snls:
     gamma: float = 0.1
     echoes: int = 1
     whiten: bool = False
+    sign: str = field(default="positive", metadata=LATER)
 
     def __post_init__(self) -> None:
         check_arguments(self)
