@@ -21,7 +21,7 @@ from typing import Any
 import dask
 import numpy as np
 import pytest
-from distributed import Client
+from distributed import Client, get_worker
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
@@ -127,8 +127,9 @@ def running(role: str, about: Path, *options: object, code: str = "") -> Iterato
             process.communicate()
 
 
-def scheduler(about: Path, code: str = "") -> Any:
-    return running("scheduler", about, "--port", "0", "--host", "127.0.0.1", code=code)
+def scheduler(about: Path, code: str = "", protocol: str = "tcp") -> Any:
+    options = ["--port", "0", "--host", "127.0.0.1", "--protocol", protocol]
+    return running("scheduler", about, *options, code=code)
 
 
 def worker(about: Path, code: str = "") -> Any:
@@ -285,8 +286,59 @@ def test_the_loss_of_the_scheduler_is_one_error(tmp_path: Path) -> None:
             next(jobs)
 
 
+INTRUDER = """
+import sys, distributed
+for address in sys.argv[2:]:
+    try:
+        client = distributed.Client(address, timeout=1)
+        client.submit(open, sys.argv[1], "w").result(timeout=3)
+    except Exception:
+        print(address.partition(":")[0], "refused")
+"""
+"""What another user of this machine could run: a client without the key of the workers."""
+
+
+def intrude(folder: Path) -> None:
+    """Try, from a job, which knows where the scheduler is, to have work done as an intruder."""
+    own = get_worker().scheduler.address
+    command = [sys.executable, "-c", INTRUDER, folder / "done", own, own.replace("tls", "tcp")]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    (folder / "told").write_text(done.stdout)
+
+
+def test_only_who_has_the_key_of_the_run_can_submit_work(tmp_path: Path) -> None:
+    list(Dask(workers=1)(intrude, [tmp_path]))
+    assert (tmp_path / "told").read_text() == "tls refused\ntcp refused\n"
+    assert not (tmp_path / "done").exists()
+
+
+@pytest.mark.release
+def test_a_cluster_with_a_key_as_advised_takes_work_from_its_owner_alone(
+    here: Path, whole: Whole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (folder().parent / "docs" / "scaling.md").read_text()
+    advice = page[page.index("    umask 077") :].partition("\n\n")[0]
+    subprocess.run(["bash", "-ec", advice], check=True, capture_output=True)
+    about = here / "about"
+    for name in ("key.pem", "tls.yaml"):
+        assert (here / "dask" / name).stat().st_mode & 0o077 == 0
+    words = ["generate", *SMALL, "engine=dask", f"engine.scheduler_file={about}"]
+    monkeypatch.setenv("DASK_CONFIG", str(here / "dask" / "tls.yaml"))
+    with scheduler(about, protocol="tls"), worker(about):
+        done = subprocess.run([sys.executable, "-m", "echolearn", *words], check=False)
+        monkeypatch.delenv("DASK_CONFIG")
+        command = [sys.executable, "-c", INTRUDER, here / "done", address(about)]
+        told = subprocess.run(command, check=True, capture_output=True, text=True)
+        with pytest.raises(BadValue, match="does DASK_CONFIG name its key"):
+            list(Dask(scheduler_file=str(about))(math.sqrt, [4.0]))
+    assert done.returncode == 0 and told.stdout == "tls refused\n"
+    assert not (here / "done").exists()
+    [made] = here.glob("runs/data/*")
+    assert shards(made) == whole(SMALL)
+
+
 def test_a_job_that_kills_its_workers_is_given_up() -> None:
-    said = "^engine: a job was lost 2 times with its worker, last on tcp://127[^\n]+$"
+    said = "^engine: a job was lost 2 times with its worker, last on tls://127[^\n]+$"
     fewer = dask.config.set({"distributed.scheduler.allowed-failures": 1})
     with fewer, pytest.raises(BadValue, match=said):
         list(Dask(workers=1)(os._exit, [1]))
@@ -387,5 +439,7 @@ def test_a_mistake_is_one_line(
 
 def test_without_dask_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(BadValue, match=r"^engine=dask: needs Dask; pip install 'echolearn\["):
+    with pytest.raises(
+        BadValue, match=r"^engine=dask: needs distributed; pip install 'echolearn\["
+    ):
         list(Dask()(math.sqrt, [4.0]))

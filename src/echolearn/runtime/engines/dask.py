@@ -1,7 +1,7 @@
 """Jobs shared out by a Dask scheduler: among processes of this machine, or workers anywhere.
 
     address or scheduler_file -> that scheduler, with its workers
-    neither                   -> a cluster of this machine, for this run
+    neither                   -> a cluster of this machine, for this run, with a key of its own
 
 Dask gives the jobs of a worker that was killed to another one, and at most `AHEAD` jobs are with
 the scheduler at a time, so its memory does not grow with their number. A worker refuses jobs from
@@ -56,7 +56,7 @@ class Dask:
 
     Attributes:
         workers: number of processes of this machine, if neither an address nor a file is given.
-        address: tcp://host:port of a running scheduler.
+        address: tls://host:port of a running scheduler, or tcp://host:port of one without a key.
         scheduler_file: path of what `dask scheduler --scheduler-file` writes, instead.
         timeout: longest wait for an answer of the scheduler, in s.
     """
@@ -77,9 +77,9 @@ class Dask:
     def __call__(self, work: Callable[[T], object], jobs: Sequence[T]) -> Generator[T, None, None]:
         """Do the jobs; see `Engine`."""
         hint = "pip install 'echolearn[cluster]'"
-        check(
-            find_spec("distributed") is not None, "engine", "dask", allowed="needs Dask", hint=hint
-        )
+        for name in ("distributed", "cryptography"):
+            allowed = f"needs {name}"
+            check(find_spec(name) is not None, "engine", "dask", allowed=allowed, hint=hint)
         with _quiet(), self._client(len(jobs)) as client:
             yield from _share_out(client, work, jobs)
 
@@ -95,7 +95,7 @@ class Dask:
 def _check_address(name: str, address: object) -> None:
     """Raise `BadValue` unless this is the address of a scheduler: scheme, host, port."""
     form = re.fullmatch(r"(tcp|tls)://(\[[0-9a-fA-F:.%]+\]|[\w.-]+):\d{1,5}", str(address))
-    allowed = "must be an address, tcp://host:port, as the scheduler prints it"
+    allowed = "must be an address, tcp://host:port or tls://host:port, as the scheduler prints it"
     hint = "" if "://" in str(address) else "is tcp:// missing?"
     check(form is not None, name, address, allowed=allowed, hint=hint)
 
@@ -128,10 +128,17 @@ def _quiet() -> Iterator[None]:
 
 @contextmanager
 def _started(workers: int) -> Iterator["Client"]:
-    """Start a cluster on this machine, which ends with this process, however that ends."""
-    from distributed import Client, LocalCluster
+    """Start a cluster on this machine, which ends with this process, however that ends.
 
+    Its ports are open to all users of the machine, so it speaks to those alone who have the key
+    that is made here, and has no pages.
+    """
+    import dask
+    from distributed import Client, LocalCluster, Security
+
+    pages = {f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")}
     with (
+        dask.config.set(pages),
         TemporaryDirectory(prefix="echolearn-dask-", ignore_cleanup_errors=True) as scratch,
         single_threads(),
     ):
@@ -143,6 +150,7 @@ def _started(workers: int) -> Iterator["Client"]:
                 dashboard_address="127.0.0.1:0",
                 local_directory=scratch,
                 silence_logs=logging.CRITICAL + 1,
+                security=Security.temporary(),
             )
         with cluster, Client(cluster, set_as_default=False) as client:
             yield client
@@ -183,9 +191,9 @@ def _connected(name: str, address: str, *, timeout: float) -> Iterator["Client"]
         try:
             client = distributed.Client(address, timeout=timeout, set_as_default=False)
             found: Any = client.get_versions()
-        except OSError as error:
+        except (OSError, TypeError) as error:  # the latter where there is no key for tls://
             allowed = f"must be a Dask scheduler that answers within {timeout:g} s"
-            hint = "is it running, and is the port right?"
+            hint = "is it running, is the port right, and does DASK_CONFIG name its key?"
             raise BadValue(f"{name}={address}: {allowed}; {hint}") from error
 
         with client:
