@@ -124,6 +124,7 @@ def test_what_a_glob_finds_is_what_can_be_chosen(folder: str, groups: list[str])
     ("name", "libraries"),
     [
         ("robot.scorer", {"onnxruntime"}),
+        ("robot.check", {"yaml"}),
         ("localization.localize, echolearn.mapping.echo_map, echolearn.evaluation.metrics", set()),
         ("simulation.survey, echolearn.training.runs, echolearn.comparison.compare", {"yaml"}),
     ],

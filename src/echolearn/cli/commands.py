@@ -133,6 +133,18 @@ def _map(config: "Config") -> Path:
     )
 
 
+def _check(config: "Config") -> Path:
+    """Examine a recorded survey before anything is trusted: a screen of text and a page."""
+    from echolearn.robot.check import check_survey
+
+    return check_survey(
+        survey=_needed(config, "survey", "must be a folder in the recorded-survey format"),
+        bundle=_path(config["bundle"]),
+        runs=Path(config["runs"]),
+        **_built(config, "name resample direct command"),
+    )
+
+
 COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
     "generate": _generate,
     "train": _train,
@@ -141,6 +153,7 @@ COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
     "study": _study,
     "bench": _bench,
     "export": _export,
+    "check": _check,
     "map": _map,
 }
 
@@ -209,7 +222,7 @@ def _needed(config: "Config", key: str, allowed: str) -> Path:
     """Return the folder that a key names, which has no default."""
     from echolearn.checks import check
 
-    hint = f"name it: echolearn map {key}=<folder>"
+    hint = f"name it: {' '.join(config['command'].split()[:2])} {key}=<folder>"
     check(bool(config[key]), key, config[key], allowed=allowed, hint=hint)
     return Path(config[key])
 

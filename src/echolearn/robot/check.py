@@ -1,0 +1,133 @@
+"""`check`: what a recorded survey says about itself, before anything is trusted.
+
+    survey --examine--> Health --> one screen of text, and runs/check/<name>/check.html
+
+The page shows the waterfall besides (`waterfall.py`). Everything is measured anew each time, since
+whoever asks stands beside the robot and has changed something.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from echolearn.acoustics.geometry import SearchWindow
+from echolearn.checks import BadValue, check, check_name
+from echolearn.robot.check_facts import HEADINGS, UNSEEN, Facts, gather
+from echolearn.robot.check_page import page
+from echolearn.robot.waterfall import waterfall
+from echolearn.storage import manifests
+from echolearn.storage.files import clean, write_atomic
+from echolearn.storage.once import locked
+from echolearn.survey.health import examine
+from echolearn.survey.proof import read_proved
+from echolearn.survey.reader import Survey
+
+PAGE = "check.html"
+
+ROWS = 12
+"""Microphones that the terminal shows."""
+
+
+def check_survey(
+    *,
+    survey: Path,
+    runs: Path,
+    bundle: Path | None = None,
+    name: str | None = None,
+    resample: bool = False,
+    direct: str | None = None,
+    command: str | None = None,
+) -> Path:
+    """Examine a recorded survey, print what there is to say, and return the page.
+
+    Args:
+        survey: folder in the recorded-survey format.
+        runs: folder of everything generated; the page goes to `runs/check`.
+        bundle: folder of the bundle that shall map it: whether they fit is told, and its search
+            window is drawn; None draws that of walls 1 to 2 m away.
+        name: name of the page's folder; that of the survey's unless given.
+        resample, direct: as for `map_survey`.
+        command: what makes the page again; None says nothing about it.
+
+    Raises:
+        BadValue: a survey that cannot be read; or, the page written, one that `map` would refuse.
+    """
+    name = name or Path(survey).resolve().name
+    check_name("name", name)
+    folder = Path(runs) / "check" / name
+    _check_free(folder)
+    walk, _ = read_proved(Path(survey))
+    window = SearchWindow()
+    unfit: list[str] = []
+    if bundle is not None:
+        window, unfit = _fit(walk, Path(bundle), resample=resample, direct=direct)
+
+    health = examine(walk)
+    facts = gather(walk, health, unfit)
+    content = page(walk, health, facts, fall=waterfall(walk, health, window))
+    about = {"kind": "check", "verdict": facts.verdict} | manifests.command_entry(command)
+    with locked(folder):
+        clean(folder)
+        write_atomic(folder / PAGE, content)
+        manifests.finish(folder, about, [PAGE])
+
+    print("\n".join(screen(facts)))
+    reasons = [*health.refused, *unfit]
+    if reasons:
+        print(folder / PAGE, flush=True)
+        more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
+        raise BadValue(f"{survey}: map would refuse it: {reasons[0]}{more}")
+    return folder / PAGE
+
+
+def _fit(
+    walk: Survey, bundle: Path, *, resample: bool, direct: str | None
+) -> tuple[SearchWindow, list[str]]:
+    """Return where a bundle seeks echoes, and why it does not fit a survey, if so.
+
+    Args:
+        walk: what was recorded.
+        bundle: folder of the bundle.
+        resample, direct: as for `map_survey`.
+    """
+    # Without a bundle there is no need for onnxruntime, which they need.
+    from echolearn.robot.bundle import read_bundle
+    from echolearn.robot.survey_map import open_survey
+
+    found = read_bundle(bundle)
+    try:
+        open_survey(walk.folder, found, resample=resample, direct=direct)
+    except BadValue as error:
+        return found.localizer.window, [str(error)]
+    return found.localizer.window, []
+
+
+def _check_free(folder: Path) -> None:
+    """Raise `BadValue` if something else than a page of `check` is there."""
+    names = {path.name for path in folder.glob("[!.]*")} if folder.is_dir() else set()
+    foreign = (names and PAGE not in names) or (folder.exists() and not folder.is_dir())
+    allowed = "must be a new name, or that of a check"
+    check(not foreign, "name", folder.name, allowed=allowed, hint=f"{folder} is something else")
+
+
+def screen(facts: Facts) -> list[str]:
+    """Return what the terminal shows, as lines."""
+    lines = [facts.verdict, facts.because]
+    lines += [f"{kind}: {line}" for _, kind, line in facts.lines]
+    lines += ["", *_table([HEADINGS, *_shown(facts.channels)])]
+    lines += ["", *(f"{name:18}{value:>14}  {remark}" for name, value, remark in facts.figures)]
+    return [*lines, UNSEEN]
+
+
+def _shown(channels: Sequence[Sequence[str]]) -> list[Sequence[str]]:
+    """Return some rows, those with something to say first."""
+    ordered = sorted(channels, key=lambda row: row[1] == "fine")
+    return ordered[:ROWS]
+
+
+def _table(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows of texts as lines, their columns aligned."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+        for row in rows
+    ]

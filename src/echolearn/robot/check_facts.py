@@ -1,0 +1,169 @@
+"""What `check` says of a survey, in words: the same in the terminal and on the page.
+
+Survey, Health, what else `map` would refuse --> verdict, lines, figures, a row a microphone
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from echolearn.acoustics.types import Array
+from echolearn.survey.health import Health
+from echolearn.survey.reader import Survey
+
+HEADINGS = (
+    "microphone",
+    "verdict",
+    "late, samples",
+    "ms",
+    "sign",
+    "direct, dB",
+    "level, dB",
+    "offset, %",
+    "hum, dB",
+    "clipped, %",
+)
+"""Columns of the table of microphones."""
+
+UNSEEN = (
+    "What cannot be seen: samples lost after the direct path, where the loss leaves neither zeros "
+    "nor a repeated block."
+)
+"""What no check tells."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What there is to say of a survey.
+
+    Attributes:
+        state: "fine", "told" if something was mended or noticed, "bad" if `map` would refuse it.
+        verdict: headline.
+        because: line on what that rests on.
+        lines: state and text of each finding.
+        figures: name, value and remark of each quantity.
+        channels: row of texts for each microphone, as `HEADINGS`.
+    """
+
+    state: str
+    verdict: str
+    because: str
+    lines: Sequence[tuple[str, str, str]]
+    figures: Sequence[tuple[str, str, str]]
+    channels: Sequence[Sequence[str]]
+
+
+def gather(survey: Survey, health: Health, refused: Sequence[str] = ()) -> Facts:
+    """Return what there is to say of a survey.
+
+    Args:
+        survey: what was recorded.
+        health: what the recordings say about themselves.
+        refused: why else `map` would refuse it.
+    """
+    lines = [("bad", "refused", line) for line in (*health.refused, *refused)]
+    lines += [("told", "mended", line) for line in health.mended]
+    lines += [("told", "noticed", line) for line in health.noticed]
+    state, verdict = "fine", "map would take it as it is"
+    if health.refused or refused:
+        state, verdict = "bad", "map would refuse it"
+    elif health.mended:
+        state, verdict = "told", "map would take it, mended"
+    elif health.noticed:
+        state, verdict = "told", "map would take it; look at what was noticed"
+    return Facts(
+        state,
+        verdict,
+        f"time zero: {health.time_zero}",
+        lines,
+        _figures(survey, health),
+        _channels(survey, health),
+    )
+
+
+def _figures(survey: Survey, health: Health) -> list[tuple[str, str, str]]:
+    """Return the quantities of the whole walk."""
+    rate = survey.probe.sample_rate
+    late = middle(health.latency_samples)
+    spread = extent(health.latency_samples)
+    clipped = health.clipping.max(axis=-1) > 0
+    return [
+        ("latency", number(late, "{:.1f} samples"), number(late / rate * 1e3, "{:.2f} ms")),
+        ("spread of latency", number(spread, "{:.1f} samples"), "over poses and microphones"),
+        ("SNR", number(middle(health.snr_db), "{:.0f} dB"), _lowest(health)),
+        ("noise floor", number(middle(health.noise_db), "{:.0f} dB"), "full scale is 0 dB"),
+        ("hum", *_hum(health)),
+        ("clock drift", number(health.clock_drift_ppm, "{:+.0f} ppm"), "recorder against player"),
+        ("clipped", f"{clipped.sum()} of {len(clipped)}", "poses with samples at the rails"),
+        ("negative echoes", number(100 * health.negative_echoes, "{:.0f} %"), "of the strongest"),
+    ]
+
+
+def _lowest(health: Health) -> str:
+    """Return where the SNR is lowest."""
+    if not np.isfinite(health.snr_db).any():
+        return "not measurable"
+    pose = int(np.nanargmin(health.snr_db))
+    return f"lowest {health.snr_db[pose]:.0f} dB, pose {health.numbers[pose]}"
+
+
+def _hum(health: Health) -> tuple[str, str]:
+    """Return the level of the mains, and their frequency."""
+    if not health.hum_hz:
+        return "none", "mains of 50 or 60 Hz"
+    return number(float(health.hum_db.max()), "{:+.0f} dB"), f"{health.hum_hz:g} Hz, over the rest"
+
+
+def _channels(survey: Survey, health: Health) -> list[list[str]]:
+    """Return a row for each microphone: medians over the walk."""
+    late = over_poses(health.latency_samples, middle)
+    gain = over_poses(health.direct_gain, middle)
+    # In the free field the direct path falls with distance, which is no fault of a microphone.
+    away = np.maximum(np.linalg.norm(survey.array.positions, axis=1), 1e-3)
+    direct = 20 * np.log10(np.maximum(np.abs(gain) * away, 1e-15))
+    direct -= middle(direct)
+    columns = [
+        number_all(late, "{:+.1f}"),
+        number_all(late / survey.probe.sample_rate * 1e3, "{:+.2f}"),
+        [("-" if value < 0 else "+") if math.isfinite(value) else UNKNOWN for value in gain],
+        number_all(direct, "{:+.1f}"),
+        number_all(over_poses(health.level_db, middle), "{:.0f}"),
+        number_all(100 * over_poses(health.offset, middle), "{:+.2f}"),
+        ["none" if level == -math.inf else number(level, "{:+.0f}") for level in health.hum_db],
+        number_all(100 * health.clipping.max(axis=0), "{:.1f}"),
+    ]
+    names = [str(microphone + 1) for microphone in range(len(survey.array))]
+    return [list(row) for row in zip(names, health.verdicts, *columns, strict=True)]
+
+
+UNKNOWN = "?"
+"""What is shown where something cannot be measured."""
+
+
+def number(value: float, form: str) -> str:
+    """Return a number as `form` has it, or that it is not known."""
+    return form.format(value) if math.isfinite(value) else UNKNOWN
+
+
+def number_all(values: Array, form: str) -> list[str]:
+    """Return numbers (K,) as `form` has them."""
+    return [number(value, form) for value in values.tolist()]
+
+
+def middle(values: Array) -> float:
+    """Return the median of what is measurable; NaN if nothing is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.nan
+
+
+def extent(values: Array) -> float:
+    """Return the difference of the largest and the smallest of what is measurable, or NaN."""
+    known = values[np.isfinite(values)]
+    return float(np.ptp(known)) if len(known) else math.nan
+
+
+def over_poses(values: Array, reduce: Callable[[Array], float]) -> Array:
+    """Return what a function makes of each column of values (P, M), shape (M,)."""
+    return np.array([reduce(column) for column in values.T])

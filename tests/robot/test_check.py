@@ -1,0 +1,217 @@
+"""What `check` says of a survey: a screen of text, and a page that holds everything itself."""
+
+import re
+from base64 import b64decode
+from collections.abc import Callable
+from functools import partial
+from html.parser import HTMLParser
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from by_hand import edit
+from echolearn.acoustics.geometry import (
+    SearchWindow,
+    circular_array,
+    microphone_positions,
+    outline,
+    true_echoes,
+)
+from echolearn.acoustics.signals import noise_probe
+from echolearn.acoustics.types import Array, Pose, Room
+from echolearn.checks import BadValue
+from echolearn.cli.main import main
+from echolearn.robot.check import check_survey
+from echolearn.robot.png import LEVELS, palette, png_bytes
+from echolearn.robot.waterfall import first_echoes, waterfall
+from echolearn.simulation.noise.white import White
+from echolearn.simulation.rir.images import Images
+from echolearn.simulation.scene import Scene
+from echolearn.survey.audio import wav_bytes
+from echolearn.survey.description import description_bytes
+from echolearn.survey.health import examine
+from echolearn.survey.poses import poses_csv
+from echolearn.survey.reader import read_survey
+
+ROOM = Room((6.0, 5.0, 4.0), 0.2)
+SCENE = Scene(circular_array(), noise_probe(length=4000), Images(), White())
+WALK = [Pose(np.array([1.2 + 0.2 * step, 1.3, 2.0]), 0.1 * step) for step in range(9)]
+FIRST, LAST = SearchWindow().lags(SCENE.array, SCENE.probe.sample_rate)
+VOID = {"img", "input", "meta"}
+Examine = Callable[..., Path]
+
+
+@pytest.fixture(scope="module")
+def recordings() -> Array:
+    """Return what the walk hears, the direct path among it, at 15 dB: shape (P, M, N)."""
+    heard = np.array([SCENE.received(ROOM, pose) for pose in WALK])
+    noise = np.random.default_rng(0).standard_normal(heard.shape)
+    return 0.05 * (heard / heard.std() + 10 ** (-15 / 20) * noise)
+
+
+@pytest.fixture
+def folder(recordings: Array, tmp_path: Path) -> Path:
+    """Return the walk as a survey whose direct path is present."""
+    rate = SCENE.probe.sample_rate
+    place = tmp_path / "walk"
+    (place / "observations").mkdir(parents=True)
+    text = description_bytes(
+        SCENE.array, SCENE.probe, speed_of_sound=343.0, walls=outline(ROOM), conditions={}
+    )
+    (place / "survey.yaml").write_bytes(text)
+    edit(place, direct_path="present")
+    silence = SCENE.probe.length - len(SCENE.probe.samples)
+    (place / "probe.wav").write_bytes(wav_bytes(np.pad(SCENE.probe.samples, (0, silence)), rate))
+    names = [f"observations/{number}.wav" for number in range(len(WALK))]
+    (place / "poses.csv").write_bytes(poses_csv(WALK, names))
+    for name, samples in zip(names, recordings, strict=True):
+        (place / name).write_bytes(wav_bytes(samples, rate))
+    return place
+
+
+@pytest.fixture
+def checked(folder: Path, tmp_path: Path) -> Examine:
+    """Return `check_survey` of the walk."""
+    return partial(check_survey, survey=folder, runs=tmp_path / "runs")
+
+
+class Balance(HTMLParser):
+    """Elements that are open; every one must be closed by its own end."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: object) -> None:
+        """It ends where it begins."""
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_the_page_needs_nothing_else_and_every_element_is_closed(checked: Examine) -> None:
+    made = checked()
+    text = made.read_text()
+    names = sorted(path.name for path in made.parent.iterdir())
+    assert made.parent.name == "walk" and names == ["check.html", "manifest.json"]
+    assert not re.search(r'(src|href)="(?!data:)|url\(|@import|<script', text)
+    balance = Balance()
+    balance.feed(text)
+    assert balance.open == []
+    assert all('alt="' in image for image in re.findall("<img [^>]*>", text))
+    assert main(["verify", str(made.parent)]) == 0
+
+
+def test_its_images_are_the_waterfall_of_array_and_microphones(
+    checked: Examine, folder: Path
+) -> None:
+    text = checked().read_text()
+    images = [
+        np.asarray(Image.open(BytesIO(b64decode(found))))
+        for found in re.findall(r"data:image/png;base64,([\w+/=]+)", text)
+    ]
+    survey = read_survey(folder)
+    fall = waterfall(survey, examine(survey), SearchWindow())
+    assert len(images) == 1 + len(SCENE.array)
+    for image, drawn in zip(images, fall.images, strict=True):
+        assert np.array_equal(image, drawn)
+
+
+def test_the_waterfall_is_brightest_where_the_direct_path_and_the_echoes_are(folder: Path) -> None:
+    survey = read_survey(folder)
+    fall = waterfall(survey, examine(survey), SearchWindow())
+    array, *alone = fall.images
+    assert fall.echoes is not None
+    for drawn, microphone in [(array, 0), *zip(alone, range(6), strict=True)]:
+        lag = np.arange(drawn.shape[1]) * fall.lags / drawn.shape[1]
+        before = drawn[:, lag < FIRST].argmax(axis=1)
+        assert np.abs(lag[before] - fall.direct[microphone]).max() <= 3
+        # The wall at y = 0 is the nearest at every pose.
+        echo = fall.echoes[:, microphone, 0]
+        near = np.abs(lag - echo[:, None]) <= 3
+        within = np.where(near, drawn, 0).max(axis=1)
+        assert np.all(within >= np.quantile(drawn[:, lag >= FIRST], 0.9, axis=1))
+        assert within.mean() > 2.0 * drawn[:, lag >= FIRST].mean() + 5
+
+
+def test_more_poses_than_pixels_lose_no_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    survey = read_survey(folder)
+    whole = waterfall(survey, examine(survey), SearchWindow()).images[0]
+    monkeypatch.setattr("echolearn.robot.waterfall.SIZE", (3, 50))
+    small = waterfall(survey, examine(survey), SearchWindow()).images[0]
+    assert small.shape == (3, 50)
+    starts = np.arange(50) * whole.shape[1] // 50
+    columns = np.maximum.reduceat(whole, starts, axis=1)
+    assert np.array_equal(small, columns.reshape(3, 3, 50).max(axis=1))
+
+
+def test_without_walls_and_direct_path_nothing_is_drawn_of_them(
+    checked: Examine, folder: Path
+) -> None:
+    drawn = ['class="direct"', 'class="echo"']
+    assert [kind in checked().read_text() for kind in drawn] == [True, True]
+    edit(folder, walls=None, direct_path="removed")
+    assert [kind in checked().read_text() for kind in drawn] == [False, False]
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0])
+def test_first_echoes_are_those_of_mirror_sources(heading: float) -> None:
+    pose = Pose(np.array([2.0, 1.5, 1.2]), heading)
+    microphones = microphone_positions(SCENE.array, pose)
+    ways = first_echoes(outline(ROOM), pose.position, microphones)
+    truth = true_echoes(ROOM, pose, array=SCENE.array)
+    # Walls go round the outline; the truth has x = 0, x = max, y = 0, y = max.
+    assert ways[0, [3, 1, 0, 2]] == pytest.approx(truth.toa[:4] * 343.0)
+    assert ways.shape == (6, 4)
+
+
+def test_a_wall_that_ends_before_the_sound_meets_it_sends_none_back() -> None:
+    corner = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]])
+    place = np.array([1.0, 3.0, 1.0])
+    heard = np.isfinite(first_echoes(corner, place, place[None])[0])
+    assert heard.tolist() == [True, False, False, True, True, True]
+
+
+def test_a_png_is_what_others_read() -> None:
+    levels = np.arange(LEVELS * 3).reshape(3, LEVELS) % LEVELS
+    image = Image.open(BytesIO(png_bytes(levels)))
+    assert image.size == (LEVELS, 3)
+    assert np.array_equal(np.asarray(image.convert("RGB")), palette()[levels])
+    # Read in grey, more is lighter.
+    assert np.all(np.diff(np.asarray(image.convert("L"))[0].astype(int)) > 0)
+
+
+def test_what_is_in_the_way_is_kept(checked: Examine, tmp_path: Path) -> None:
+    place = tmp_path / "runs" / "check" / "walk"
+    place.mkdir(parents=True)
+    (place / "thesis.tex").write_text("mine")
+    with pytest.raises(BadValue, match="name=walk: must be a new name, or that of a check"):
+        checked()
+    assert [path.name for path in place.iterdir()] == ["thesis.tex"]
+
+
+def test_a_survey_s_name_is_no_markup(checked: Examine, folder: Path) -> None:
+    odd = folder.rename(folder.parent / "<b>&walk")
+    text = checked(survey=odd, name="odd").read_text()
+    assert "<b>&walk" not in text and "&lt;b&gt;&amp;walk" in text
+
+
+def test_it_ends_with_1_where_map_would_refuse(
+    folder: Path, packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [f"survey={folder}", f"runs={tmp_path}", f"bundle={packed}"]
+    edit(folder, microphones=(0.9 * SCENE.array.positions).tolist())
+    assert main(["map", *words]) == 1
+    refusal = capsys.readouterr().err.strip().removeprefix("error: ")
+    assert main(["check", *words]) == 1
+    said = capsys.readouterr()
+    assert f"refused: {refusal}" in said.out and "would refuse it" in said.err
+    assert said.err.count("\n") == 1
+    assert "must be at most 1 mm" in (tmp_path / "check" / "walk" / "check.html").read_text()
