@@ -5,12 +5,15 @@ The checks stand below every room, so that whoever is handed a value can refuse 
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
+
+Range = tuple[float, float, str]
+"""Least and largest value of a number, and their unit."""
 
 LONGEST_NAME = 100
 """Bytes of a folder's name; a file system takes 255, to which digests and endings are added."""
@@ -40,7 +43,9 @@ class BadValue(ValueError):
         super().__init__(printable(message))
 
 
-def check(condition: bool, name: str, value: object, *, allowed: str, hint: str = "") -> None:
+def check(
+    condition: bool | np.bool, name: str, value: object, *, allowed: str, hint: str = ""
+) -> None:
     """Raise `BadValue` in the house's one-line form unless `condition` holds.
 
     Args:
@@ -114,6 +119,23 @@ def check_whole(
     )
 
 
+def check_fields(name: str, owner: object, *, ranges: Mapping[str, Range]) -> None:
+    """Raise `BadValue` unless the fields of a dataclass are in their ranges.
+
+    Args:
+        name: of the dataclass, for the message.
+        owner: the dataclass.
+        ranges: by field; others are not looked at. Whole bounds want a whole number.
+    """
+    for field, value in vars(owner).items():
+        if field in ranges:
+            low, high, unit = ranges[field]
+            if isinstance(low, int) and isinstance(high, int):
+                check_whole(f"{name}.{field}", value, low=low, high=high, unit=unit)
+            else:
+                check_number(f"{name}.{field}", value, low=low, high=high, unit=unit)
+
+
 def check_name(name: str, value: object) -> None:
     """Raise `BadValue` unless `value` can name a folder: letters, digits, dots, - and _."""
     check(
@@ -177,6 +199,29 @@ def real_array(name: str, value: object, *, allowed: str, hint: str = "") -> NDA
     return found
 
 
+def check_finite(name: str, values: object, *, allowed: str, hint: str = "") -> None:
+    """Raise `BadValue` unless all numbers of an array are finite.
+
+    Args:
+        name: dotted name of the array.
+        values: the numbers.
+        allowed: what would be accepted, for the message.
+        hint: the likely mistake.
+    """
+    finite = np.isfinite(values).all()  # type: ignore[call-overload]
+    check(finite, name, "NaN or infinity", allowed=allowed, hint=hint)
+
+
+def check_speed(name: str, speed_of_sound: object) -> None:
+    """Raise `BadValue` unless sound could be that fast, in m/s, in air or in water."""
+    check_number(name, speed_of_sound, low=100.0, high=2000.0, unit="m/s", hint="air is 343 m/s")
+
+
+def check_rate(name: str, sample_rate: object) -> None:
+    """Raise `BadValue` unless sound can be sampled at that rate, in Hz."""
+    check_number(name, sample_rate, low=1000.0, high=400_000.0, unit="Hz")
+
+
 def finite_vector(
     name: str, value: object, *, allowed: str, length: int | None = None
 ) -> NDArray[Any]:
@@ -191,7 +236,7 @@ def finite_vector(
     array = real_array(name, value, allowed=allowed)
     fits = array.ndim == 1 and length in (None, len(array))
     check(fits, name, f"shape {array.shape}", allowed=allowed)
-    check(bool(np.isfinite(array).all()), name, "NaN or infinity", allowed=allowed)
+    check_finite(name, array, allowed=allowed)
     return array
 
 
@@ -213,8 +258,8 @@ def check_metres(
         wanted in (-1, size) for wanted, size in zip(shape, places.shape, strict=True)
     )
     check(fits, name, f"shape {places.shape}", allowed=allowed)
-    check(bool(np.isfinite(places).all()), name, "NaN or infinity", allowed=allowed)
-    largest = float(np.abs(places).max())
+    check_finite(name, places, allowed=allowed)
+    largest = np.abs(places).max(initial=0.0)
     allowed = f"must be coordinates from -{most:g} to {most:g} m"
     check(largest <= most, name, f"{largest:g} m", allowed=allowed, hint="are they in mm?")
     return places

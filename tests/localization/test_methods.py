@@ -19,7 +19,7 @@ from echolearn.localization.methods.joint import Joint
 from echolearn.localization.methods.mclam import Mclam, detected
 from echolearn.localization.methods.peaks import Peaks, highest, response
 from echolearn.localization.methods.snls import Snls
-from echolearn.localization.search import Peak
+from echolearn.localization.search import Peak, joint_search, reference_search
 from reference import FIRST, LAST, RATE, RING, loops, observed, turn, wave, white
 
 PROBE = noise_probe(burst=400, length=3000)
@@ -134,8 +134,7 @@ def test_gated_mpdr_is_its_definition() -> None:
 @pytest.mark.parametrize("count", [2, 3])
 def test_relax_is_its_loop(count: int) -> None:
     matched = view(*BOTH)
-    search = estimates.reference_search(matched, refine=False)
-    peaks = np.array(estimates.strongest_peaks(matched, search, echoes=count))
+    peaks = np.array(relax.relax(reference_search(matched, refine=False), count))
     for row, y in enumerate(BOTH):
         expected = reference.relax(loops(PROBE, y, GRID), echoes=count)
         found = [(peak[0] + FIRST, peak[3]) for peak in peaks[..., row]]
@@ -149,9 +148,7 @@ def test_em_is_its_loop_from_the_same_starts() -> None:
         Peak(*(np.full(2, value) for value in (lag - FIRST, azimuth, np.pi / 2, gain, 1.0)))
         for lag, azimuth, gain in starts
     ]
-    matched = view(*BOTH)
-    search = estimates.joint_search(matched, refine=False)
-    found = relax.expect_maximize(matched.padded, search, starts=begin, iterations=4)
+    found = relax.expect_maximize(joint_search(view(*BOTH), refine=False), begin, iterations=4)
     for row, y in enumerate(BOTH):
         expected = reference.em(loops(PROBE, y, GRID), starts=starts, iterations=4)
         for peak, (lag, azimuth, gain) in zip(found, expected, strict=True):

@@ -15,7 +15,7 @@ from echolearn.localization.beamforming import azimuth_grid
 from echolearn.localization.faults import SilentMicrophone
 from echolearn.localization.methods.joint import Joint
 from echolearn.localization.spatial import LOADING, Spatial, spatial
-from echolearn.localization.whitening import noise_coherence, whitened
+from echolearn.localization.whitening import shared_noise, whitened
 from echolearn.simulation.noise.diffuse import Diffuse, coherence
 from echolearn.simulation.noise.fixed import Fixed
 from echolearn.simulation.noise.rotor import Rotor
@@ -49,7 +49,7 @@ def batch(*samples: Array, covariance: Array = IDENTITY) -> Observation:
 
 def weighting(covariance: Array, *silent: int) -> Spatial:
     raw = batch(np.zeros((6, 700)), covariance=covariance)
-    return spatial(whitened(raw), noise_coherence(raw), silent=np.isin(np.arange(6), silent))
+    return spatial(whitened(raw), shared_noise(raw)[1], silent=np.isin(np.arange(6), silent))
 
 
 def strength(weights: Spatial) -> Array:

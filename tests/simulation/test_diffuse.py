@@ -36,8 +36,7 @@ def estimate(values):
 @pytest.fixture(scope="module")
 def root():
     """Return the roots of the ring's coherence."""
-    places = tuple(map(tuple, RING.positions.tolist()))
-    return _mixing(places, bins=1025, sample_rate=RATE, speed_of_sound=SPEED)
+    return _mixing(RING, bins=1025, sample_rate=RATE, speed_of_sound=SPEED)
 
 
 @pytest.mark.parametrize(("array", "speed"), [(RING, SPEED), (FREE, 171.5)], ids=["ring", "free"])

@@ -62,26 +62,24 @@ def far_field_delays(array: MicArray, toward: Array, *, speed_of_sound: float) -
     return -(toward @ array.positions.T) / speed_of_sound
 
 
-def relative_delays(array: MicArray, toward: Array, *, speed_of_sound: float) -> Array:
-    """Return eta_m (Eq. 3): far-field delays relative to microphone 1, shape (..., M), in s.
+def relative_delays(array: MicArray, toward: Array, *, scale: float) -> Array:
+    """Return eta_m (Eq. 3): far-field delays relative to microphone 1, shape (..., M), in samples.
 
     Args:
         array: M microphones.
         toward: unit vectors of the directions of arrival, shape (..., 3).
-        speed_of_sound: in m/s.
+        scale: samples per metre of path.
     """
-    delays = far_field_delays(array, toward, speed_of_sound=speed_of_sound)
-    return delays - delays[..., :1]
+    delays = far_field_delays(array, toward, speed_of_sound=1.0)
+    return (delays - delays[..., :1]) * scale
 
 
 def first_order_images(room: Room, position: Array) -> Array:
     """Return the mirror images of `position` (3,) in the reflecting walls, shape (W, 3), in m."""
     images = np.tile(np.asarray(position, dtype=float), (6, 1))
-    for wall in range(6):
-        axis = wall // 2
+    for axis, length in enumerate(room.size):
         # A wall at 0 mirrors x to -x, one at the room's end to 2 size - x.
-        twice = 0.0 if wall % 2 == 0 else 2.0 * room.size[axis]
-        images[wall, axis] = twice - position[axis]
+        images[2 * axis : 2 * axis + 2, axis] = [0.0, 2.0 * length] - images[0, axis]
     return images[np.array(room.walls) > 0]
 
 
@@ -103,7 +101,7 @@ def check_inside(room: Room, pose: Pose, *, array: MicArray) -> None:
     """
     points = np.vstack([microphone_positions(array, pose), pose.position])
     check(
-        bool(((points > 0) & (points < np.array(room.size))).all()),
+        ((points > 0) & (points < np.array(room.size))).all(),
         "pose.position",
         "({:g}, {:g}, {:g}) m".format(*pose.position),
         allowed=f"the array of radius {array.radius:g} m must be inside the {room.dimensions} room",

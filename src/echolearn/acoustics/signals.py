@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft
 
 from echolearn.acoustics.types import Array, Probe
-from echolearn.checks import check, check_number, check_whole, real_array
+from echolearn.checks import check, check_finite, check_whole, real_array
 
 STFT_FRAME = 882
 """Samples per STFT frame as printed in the paper (40 ms at 22.05 kHz; the text says 20 ms); hop is
@@ -34,13 +34,9 @@ def noise_probe(
     """
     check_whole("probe.seed", seed, low=0)
     check_whole("probe.burst", burst, low=16, unit="samples")
-    check_whole(
-        "probe.length", length, low=burst, unit="samples", hint="the recording must hold the burst"
-    )
-    check_number("probe.sample_rate", sample_rate, low=1000.0, high=400_000.0, unit="Hz")
     # Rounded before anything else sees it, so that the burst and its WAV file are one.
     samples = np.random.default_rng(seed).standard_normal(burst).astype(np.float32)
-    return Probe(samples.astype(float), float(sample_rate), length)
+    return Probe(samples, sample_rate, length)
 
 
 def matched_filter(samples: Array, probe: Probe, *, first: int, last: int) -> Array:
@@ -134,8 +130,7 @@ def _noise_spectra(recording: Array, frame: int) -> Array:
     recording = np.atleast_1d(real_array(name, recording, allowed="samples must be real numbers"))
     hint = "record the noise for some seconds"
     check_whole(name, recording.shape[-1], low=2 * frame, unit="samples", hint=hint)
-    finite = bool(np.isfinite(recording).all())
-    check(finite, name, "NaN or infinity", allowed="samples must be finite")
+    check_finite(name, recording, allowed="samples must be finite")
     return stft(recording, frame=frame)
 
 
@@ -148,7 +143,7 @@ def whitening_taps(psd: Array) -> Array:
         BadValue: a density that is negative, not finite, or zero everywhere.
     """
     psd = np.asarray(psd, dtype=float)
-    fine = bool(np.isfinite(psd).all() and (psd >= 0).all() and (psd.max(axis=-1) > 0).all())
+    fine = np.isfinite(psd).all() and (psd >= 0).all() and (psd.max(axis=-1) > 0).all()
     check(
         fine and psd.shape[-1] > 1,
         "observation.noise_psd",

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from echolearn.checks import (
     check,
     check_list,
+    check_metres,
     check_number,
+    check_rate,
+    check_speed,
     check_whole,
     finite_vector,
     real_array,
@@ -91,12 +94,7 @@ class MicArray:
     positions: Array
 
     def __post_init__(self) -> None:
-        name = "array.positions"
-        allowed = "must be finite coordinates in m, shape (M, 3)"
-        positions = real_array(name, self.positions, allowed=allowed).copy()
-        flat = positions.ndim == 2 and positions.shape[-1] == 3
-        check(flat, name, f"shape {positions.shape}", allowed=allowed)
-        check(bool(np.isfinite(positions).all()), name, "NaN or infinity", allowed=allowed)
+        positions = check_metres("array.positions", self.positions, shape=(-1, 3)).copy()
         # Its hash is that of its values, so they must not change.
         positions.setflags(write=False)
         object.__setattr__(self, "positions", positions)
@@ -134,7 +132,8 @@ class Probe:
         allowed = "must be finite numbers, shape (L,)"
         samples = finite_vector("probe.samples", self.samples, allowed=allowed)
         object.__setattr__(self, "samples", samples)
-        check_number("probe.sample_rate", self.sample_rate, low=1000.0, high=400_000.0, unit="Hz")
+        check_rate("probe.sample_rate", self.sample_rate)
+        object.__setattr__(self, "sample_rate", float(self.sample_rate))
         hint = "the recording must hold the burst"
         check_whole("probe.length", self.length, low=len(self.samples), unit="samples", hint=hint)
 
@@ -204,14 +203,7 @@ class Observation:
             hint="give the samples themselves, not their spectrum",
         )
         object.__setattr__(self, "samples", samples)
-        check_number(
-            "observation.speed_of_sound",
-            self.speed_of_sound,
-            low=100.0,
-            high=2000.0,
-            unit="m/s",
-            hint="air is 343 m/s",
-        )
+        check_speed("observation.speed_of_sound", self.speed_of_sound)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ import numpy as np
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import direction, far_field_delays
 from echolearn.acoustics.types import Array, MicArray, Observation
+from echolearn.localization.faults import alike
 
 
 def azimuth_grid(azimuths: int) -> Array:
@@ -173,9 +174,7 @@ class Mpdr:
         if not silent.any():
             return self(observation)
         power = np.empty((len(silent), self.azimuths * self.elevations), dtype=np.float32)
-        # Recordings with the same microphones are a block of their own.
-        for pattern in np.unique(silent, axis=0):
-            rows = (silent == pattern).all(axis=-1)
+        for rows, pattern in alike(silent):
             samples = observation.samples[rows][:, ~pattern]
             array = MicArray(observation.array.positions[~pattern])
             power[rows] = self(replace(observation, samples=samples, array=array))

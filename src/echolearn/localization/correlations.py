@@ -75,7 +75,7 @@ def _steering_phases(
 ) -> Array:
     """Return the phases exp(j omega eta_m) that align microphones, shape (F, M, A), complex64."""
     toward = direction(np.frombuffer(azimuth), np.frombuffer(elevation))
-    eta = relative_delays(array, toward, speed_of_sound=1.0) * scale
+    eta = relative_delays(array, toward, scale=scale)
     omega = 2 * np.pi * np.fft.rfftfreq(size)
     return np.exp(1j * omega[:, None, None] * eta.T).astype(np.complex64)
 

@@ -11,91 +11,21 @@ from dataclasses import replace
 import numpy as np
 
 from echolearn.acoustics.geometry import direction
-from echolearn.acoustics.types import Array, Echoes, MicArray
-from echolearn.localization import correlations, faults
+from echolearn.acoustics.types import Array, Echoes
+from echolearn.localization import correlations
 from echolearn.localization.beamforming import Mpdr, azimuth_grid
-from echolearn.localization.matched_filter import MatchedFilter, check_extent
+from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import relax
-from echolearn.localization.search import Peak, Search
-
-FINER = 4
-"""Points per lag at which whitened recordings of one microphone are searched."""
-
-FINER_JOINT = 2
-"""The same of all microphones, where a crest that one has missed is met at another."""
+from echolearn.localization.search import Peak, Search, reference_search
 
 
-def joint_search(
-    matched: MatchedFilter, *, weights: Array | None = None, refine: bool = True
-) -> Search:
-    """Return the search of J over all microphones.
-
-    Args:
-        matched: recordings.
-        weights: of the microphones, shape (B, M); 1, and 0 for silent ones, unless given.
-        refine: climb between the points of the grid.
-    """
-    check_extent(matched)
-    if weights is None:
-        weights = (~matched.silent).astype(float)
-    observation = matched.observation
-    return Search(
-        observation.array,
-        matched.directions,
-        matched.scale,
-        weights,
-        observation.probe,
-        refine,
-        FINER_JOINT if matched.white else 1,
-    )
-
-
-def reference_search(matched: MatchedFilter, *, refine: bool = True) -> Search:
-    """Return the search of r_1, the matched filter of microphone 1 alone."""
-    observation = matched.observation
-    anywhere = np.zeros(1)
-    return Search(
-        MicArray(observation.array.positions[:1]),
-        (anywhere, anywhere),
-        matched.scale,
-        np.ones((len(observation.samples), 1)),
-        observation.probe,
-        refine,
-        FINER if matched.white else 1,
-    )
-
-
-def strongest_peaks(matched: MatchedFilter, search: Search, *, echoes: int) -> list[Peak]:
-    """Return R echoes by RELAX, of all microphones or of the first, as the search has them.
-
-    Args:
-        matched: recordings.
-        search: over their matched filters.
-        echoes: R.
-    """
-    microphones = len(search.array)
-    # J on the grid may be known from the view, for one or the other localizer and the features.
-    known = search.is_plain(len(matched.observation.array))
-    return relax(
-        matched.padded[:, :microphones],
-        search,
-        echoes=echoes,
-        energy=faults.energies(matched.observation.samples[:, :microphones]),
-        surface=matched.steered if known else None,
-    )
-
-
-def joint_echoes(matched: MatchedFilter, search: Search, peaks: Sequence[Peak]) -> Echoes:
-    """Return peaks of J as echoes, fields (B, R), the strongest first.
+def joint_echoes(search: Search, peaks: Sequence[Peak]) -> Echoes:
+    """Return R peaks of J as echoes, fields (B, R), the strongest first.
 
     The score is that of all microphones together, E_m the energy under the aligned probe:
     score = J / (||s|| sqrt(sum_m w_m) sqrt(sum_m w_m E_m)). The power is J^2.
-
-    Args:
-        matched: recordings.
-        search: that found the peaks.
-        peaks: R of each observation.
     """
+    matched = search.view
     rows = []
     for peak in peaks:
         delays = np.rint(search.delays(peak[:3])).astype(int)
@@ -136,7 +66,7 @@ def reference_echoes(matched: MatchedFilter, echoes: int) -> Echoes:
     """
     if echoes == 1 and not matched.white:
         return echoes_at(matched, matched.strongest[:, None])
-    peaks = strongest_peaks(matched, reference_search(matched), echoes=echoes)
+    peaks = relax(reference_search(matched), echoes)
     lag, _, _, gain, _ = _strongest_first(np.stack(peaks, axis=-1))
     under = np.take_along_axis(matched.energy[:, 0], np.rint(lag).astype(int), axis=-1)
     score = gain * np.sqrt(matched.probe_energy / np.where(under > 0, under, np.inf))

@@ -8,12 +8,14 @@ refuses if it is that one.
 """
 
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, Observation
-from echolearn.checks import check
+from echolearn.checks import check, check_finite
+from echolearn.localization.correlations import PAD
 
 SILENT = 1e-4
 """Power relative to the median microphone below which one counts as silent."""
@@ -26,15 +28,8 @@ class SilentMicrophone(UserWarning):
     """A microphone is silent and is left out."""
 
 
-def check_recordings(
-    observation: Observation, window: SearchWindow, *, beyond: int
-) -> tuple[int, int]:
+def check_recordings(observation: Observation, window: SearchWindow) -> tuple[int, int]:
     """Check recordings (B, M, N) and return the first and last lag of the search window.
-
-    Args:
-        observation: what was recorded.
-        window: where echoes are sought.
-        beyond: lags after the window that are needed too.
 
     Raises:
         BadValue: see the module's header.
@@ -48,17 +43,16 @@ def check_recordings(
     samples = observation.samples
     length = samples.shape[-1]
     check(
-        last + beyond < length,
+        last + PAD < length,
         "window.farthest",
         f"{window.farthest} m",
         allowed=f"echoes must arrive within the recording of {length} samples",
         hint="the recording is too short, or its sample rate is not the probe's",
     )
     # A sum of squares is finite only if all samples are, and takes no array of their size.
-    check(
-        bool(np.isfinite(energies(samples)).all()),
+    check_finite(
         "observation.samples",
-        "NaN or infinity",
+        energies(samples),
         allowed="samples must be finite",
         hint="is a microphone broken?",
     )
@@ -126,6 +120,12 @@ def silent_microphones(samples: Array) -> Array:
     energy = energies(samples)
     quiet = (energy <= SILENT * np.median(energy, axis=-1, keepdims=True)) | stuck(samples)
     return quiet & ~quiet.all(axis=-1, keepdims=True)
+
+
+def alike(silent: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield recordings with the same silent microphones (B, M): their rows, and which these are."""
+    for pattern in np.unique(silent, axis=0):
+        yield np.flatnonzero((silent == pattern).all(axis=-1)), pattern
 
 
 def warn_of_silent(silent: Array, *, reference: bool) -> None:

@@ -9,11 +9,22 @@ from typing import Protocol
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
-from echolearn.checks import check, check_whole
+from echolearn.checks import check, check_fields
 from echolearn.localization.correlations import PAD
-from echolearn.localization.faults import check_recordings, warn_of_silent
+from echolearn.localization.faults import warn_of_silent
 from echolearn.localization.matched_filter import MatchedFilter, check_echoes
 from echolearn.localization.whitening import whitened
+
+RANGES = {
+    "azimuths": (8, 3600, ""),
+    "elevations": (1, 90, ""),
+    "echoes": (1, 64, ""),
+    "iterations": (1, 10_000, ""),
+    "gamma": (0.0, 1.0, ""),
+    "loading": (0.0, 1e6, ""),
+    "false_alarm": (1e-12, 1.0, ""),
+}
+"""Least and largest value of each argument that a localizer may have."""
 
 
 class Localizer(Protocol):
@@ -50,8 +61,7 @@ class Localizer(Protocol):
 
 def check_arguments(localizer: Localizer, *ways: str) -> None:
     """Raise `BadValue` for arguments that no localizer can use; `whiten` may also be in `ways`."""
-    check_whole("localizer.azimuths", localizer.azimuths, low=8, high=3600)
-    check_whole("localizer.echoes", localizer.echoes, low=1, high=64)
+    check_fields("localizer", localizer, ranges=RANGES)
     known = localizer.sign in ("positive", "either")
     check(known, "localizer.sign", localizer.sign, allowed="must be positive or either")
     check(
@@ -83,15 +93,13 @@ def prepare(
     Raises:
         BadValue: recordings that cannot be analysed (`faults`), or hold too few lags for R echoes.
     """
-    window = localizer.window
-    azimuths = localizer.azimuths
+    grid = (localizer.window, localizer.azimuths)
+    if view is None or (view.window, view.azimuths) != grid:
+        view = MatchedFilter(observation, *grid)
     if localizer.whiten:
-        _, last = check_recordings(observation, window, beyond=PAD)
-        touched = last + PAD + len(observation.probe.samples)
+        touched = view.last + PAD + len(observation.probe.samples)
         quiet = whitened(observation, samples=None if whole else touched)
-        view = MatchedFilter(quiet, window, azimuths, white=True)
-    elif view is None or (view.window, view.azimuths) != (window, azimuths):
-        view = MatchedFilter(observation, window, azimuths)
+        view = MatchedFilter(quiet, *grid, white=True)
     if localizer.sign == "either":
         view = view.upright()
     check_echoes(view, localizer.echoes)

@@ -48,7 +48,7 @@ class MatchedFilter:
     last: int = field(init=False)
 
     def __post_init__(self) -> None:
-        first, last = faults.check_recordings(self.observation, self.window, beyond=PAD)
+        first, last = faults.check_recordings(self.observation, self.window)
         object.__setattr__(self, "first", first)
         object.__setattr__(self, "last", last)
 
@@ -147,8 +147,7 @@ class MatchedFilter:
 
     def eta(self, toward: Array) -> Array:
         """Return eta_m (Eq. 3) of unit vectors (..., 3), in samples, shape (..., M)."""
-        array = self.observation.array
-        return relative_delays(array, toward, speed_of_sound=1.0) * self.scale
+        return relative_delays(self.observation.array, toward, scale=self.scale)
 
     def gated_power(self, index: Array) -> Array:
         """Return sum_k J(tau + k, phi)^2 for |k| <= `GATE`, from lag indices (B,), shape (B, A)."""

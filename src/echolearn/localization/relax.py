@@ -24,6 +24,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from echolearn.acoustics.types import Array
+from echolearn.localization.faults import energies
 from echolearn.localization.search import Peak, Search
 
 ROUNDS = 50
@@ -33,75 +34,62 @@ EPSILON = 1e-4
 """Relative change of the residual's energy that ends the rounds."""
 
 
-def relax(
-    padded: Array,
-    search: Search,
-    *,
-    echoes: int,
-    energy: Array,
-    surface: Array | None = None,
-) -> list[Peak]:
-    """Return R echoes of each observation by RELAX.
-
-    Args:
-        padded: correlations, shape (B, M, L + 2 PAD).
-        search: over them.
-        echoes: R.
-        energy: of each recording, shape (B, M).
-        surface: J of `padded` on the search's grid, shape (B, A, L), where it is known already.
-    """
-    peaks = [search(padded, surface)]
-    models = [search.model(peaks[0], size=padded.shape[-1])]
-    nothing = np.zeros(len(padded))
-    for _ in range(1, echoes):
-        peaks.append(peaks[0]._replace(gain=nothing, height=nothing))
-        models.append(np.zeros_like(padded))
+def relax(search: Search, echoes: int) -> list[Peak]:
+    """Return R echoes of each observation by RELAX."""
+    padded = search.padded
+    energy = energies(search.view.observation.samples[:, : padded.shape[1]])
+    models = np.zeros((echoes, *padded.shape))
+    peaks: Array = np.zeros((echoes, len(Peak._fields), len(padded)))
+    strongest = search()
+    peaks[0] = strongest
+    models[0] = search.model(strongest)
+    for count in range(2, echoes + 1):
         rows = np.arange(len(padded))
         before = np.full(len(padded), np.inf)
         for _ in range(ROUNDS):
             # The newest first, since it is not estimated yet.
-            for r in reversed(range(len(peaks))):
+            for r in reversed(range(count)):
                 others = sum(model[rows] for q, model in enumerate(models) if q != r)
                 found = search.only(rows)(padded[rows] - others)
-                _replace_rows(peaks, models, r, rows=rows, found=found, search=search)
+                peaks[r][:, rows] = found
+                models[r][rows] = search.model(found)
 
             # Observations whose residual has settled are left alone.
-            rest = residual(padded, search, peaks=peaks, models=models, energy=energy)
+            rest = residual(search, peaks=peaks[:count], models=models, energy=energy)
             moving = before - rest >= EPSILON * np.where(np.isfinite(before), before, 0.0)
             rows = rows[moving[rows]]
             before = rest
             if not len(rows):
                 break
-    return peaks
+    return [Peak(*columns) for columns in peaks]
 
 
-def expect_maximize(
-    padded: Array, search: Search, *, starts: Sequence[Peak], iterations: int
-) -> list[Peak]:
-    """Return the echoes that EM reaches from `starts`; a fixed point is left as it is.
+def expect_maximize(search: Search, starts: Sequence[Peak], *, iterations: int) -> list[Peak]:
+    """Return the echoes that EM reaches; a fixed point is left as it is.
 
     Args:
-        padded: correlations, shape (B, M, L + 2 PAD).
-        search: over them.
+        search: over the matched filters.
         starts: R echoes of each observation to begin with.
         iterations: most of them.
     """
-    peaks = list(starts)
-    models = [search.model(peak, size=padded.shape[-1]) for peak in peaks]
+    padded = search.padded
+    peaks: Array = np.array(starts)
+    models = np.stack([search.model(peak) for peak in starts])
     rows = np.arange(len(padded))
     for _ in range(iterations):
         # E: each echo gets its share of what all of them leave. M: each is searched again.
-        rest = (padded[rows] - sum(model[rows] for model in models)) / len(peaks)
+        rest = (padded[rows] - sum(models[:, rows])) / len(peaks)
         found = [search.only(rows)(model[rows] + rest) for model in models]
 
         moved = np.zeros(len(rows), dtype=bool)
         for r, peak in enumerate(found):
-            moved |= differs(peak, Peak(*np.array(peaks[r])[:, rows]))
-            _replace_rows(peaks, models, r, rows=rows, found=peak, search=search)
+            moved |= differs(peak, Peak(*peaks[r][:, rows]))
+            peaks[r][:, rows] = peak
+            models[r][rows] = search.model(peak)
         rows = rows[moved]
         if not len(rows):
             break
-    return peaks
+    return [Peak(*columns) for columns in peaks]
 
 
 def differs(peak: Peak, former: Peak) -> Array:
@@ -112,31 +100,19 @@ def differs(peak: Peak, former: Peak) -> Array:
     return ~(lag & gain & azimuth)
 
 
-def residual(
-    padded: Array, search: Search, *, peaks: Sequence[Peak], models: Sequence[Array], energy: Array
-) -> Array:
+def residual(search: Search, *, peaks: Array, models: Array, energy: Array) -> Array:
     """Return the energy that echoes leave: ||y||^2 - sum_q g_q <y + rest, s_q>, shape (B,).
 
     Args:
-        padded: correlations, shape (B, M, L + 2 PAD).
-        search: over them.
-        peaks: the echoes.
-        models: correlations of each, shape (B, M, L + 2 PAD).
+        search: over the matched filters.
+        peaks: columns of the echoes, shape (R, 5, B).
+        models: correlations of each, shape (R, B, M, L + 2 PAD).
         energy: of each recording, shape (B, M).
     """
     left = (search.weights * energy).sum(axis=-1)
-    both = 2 * padded - sum(models)
+    both = 2 * search.padded - sum(models)
     for peak in peaks:
-        alike = search.read(both, peak[:3])
-        left = left - peak.gain * (search.weights * alike).sum(axis=-1)
+        lag, azimuth, elevation, gain, _ = peak
+        alike = search.read(both, (lag, azimuth, elevation))
+        left = left - gain * (search.weights * alike).sum(axis=-1)
     return left
-
-
-def _replace_rows(
-    peaks: list[Peak], models: list[Array], r: int, *, rows: Array, found: Peak, search: Search
-) -> None:
-    """Put what was found for some observations in place of their echo number r, and its model."""
-    columns = np.array(peaks[r])
-    columns[:, rows] = found
-    peaks[r] = Peak(*columns)
-    models[r][rows] = search.model(found, size=models[r].shape[-1])

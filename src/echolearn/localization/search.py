@@ -23,12 +23,19 @@ import numpy as np
 from scipy import fft
 
 from echolearn.acoustics.geometry import direction, relative_delays
-from echolearn.acoustics.types import Array, MicArray, Probe
+from echolearn.acoustics.types import Array, MicArray
 from echolearn.localization.correlations import PAD, derivatives, echo_model, steered_response
+from echolearn.localization.matched_filter import MatchedFilter, check_extent
 from echolearn.localization.spatial import Spatial
 
 STEPS = 5
 """Newton's steps; from within half a cell, three suffice."""
+
+FINER = 4
+"""Points per lag at which whitened recordings of one microphone are searched."""
+
+FINER_JOINT = 2
+"""The same of all microphones, where a crest that one has missed is met at another."""
 
 Place = tuple[Array, Array, Array]
 """Lag in samples after the window's first, azimuth and elevation in rad: each (B,)."""
@@ -56,11 +63,10 @@ class Search:
     """How J is searched.
 
     Attributes:
-        array: M microphones.
+        view: matched filters of the recordings.
+        array: the first M of their microphones, which are searched.
         directions: azimuths and elevations of the grid, each of shape (A,), in rad.
-        scale: samples per metre of path.
         weights: weights of the microphones, shape (B, M).
-        probe: what was emitted, s.
         refine: whether to climb between the points of the grid.
         finer: points of the grid per lag; one may miss a crest of a whitened echo between two
             samples and take a side lobe.
@@ -68,28 +74,32 @@ class Search:
             and J / sqrt(E) is searched.
     """
 
+    view: MatchedFilter
     array: MicArray
     directions: tuple[Array, Array]
-    scale: float
     weights: Array
-    probe: Probe
-    refine: bool = True
-    finer: int = 1
+    refine: bool
+    finer: int
     spatial: Spatial | None = None
 
-    def __call__(self, padded: Array, surface: Array | None = None) -> Peak:
+    @property
+    def padded(self) -> Array:
+        """Correlations of its microphones, shape (B, M, L + 2 PAD)."""
+        return self.view.padded[:, : len(self.array)]
+
+    def __call__(self, padded: Array | None = None) -> Peak:
         """Return the largest J inside the window.
 
         Args:
-            padded: correlations, shape (B, M, L + 2 PAD).
-            surface: J on the grid, shape (B, A, L), where it is known already.
+            padded: correlations, shape (B, M, L + 2 PAD); those of the view unless given.
         """
-        weighted = padded * self.weights[..., None]
-        if surface is None:
-            surface = self.grid(weighted)
+        weighted = (self.padded if padded is None else padded) * self.weights[..., None]
+        # The view's own J serves other localizers and the features too.
+        known = padded is None and self.is_plain
+        surface = self.view.steered if known else self.grid(weighted)
         if self.spatial is not None:
             strength = self.spatial.grid_strength(*self.directions)
-            surface = surface / np.sqrt(strength / self.probe.energy)[:, None]
+            surface = surface / np.sqrt(strength / self.view.probe_energy)[:, None]
 
         highest = surface.reshape(len(surface), -1).argmax(axis=-1)
         way, point = np.unravel_index(highest, surface.shape[1:])
@@ -100,7 +110,7 @@ class Search:
 
         # The grid's J is in single precision; the estimate's is not.
         height = self.read(weighted, place).sum(axis=-1)
-        return Peak(*place, height / (self.probe.energy * self.share(*place[1:])), height)
+        return Peak(*place, height / (self.view.probe_energy * self.share(*place[1:])), height)
 
     def grid(self, weighted: Array) -> Array:
         """Return J of weighted correlations on the grid, shape (B, A, finer * (L - 1) + 1)."""
@@ -108,15 +118,16 @@ class Search:
             weighted,
             self.array,
             directions=self.directions,
-            scale=self.scale,
+            scale=self.view.scale,
             finer=self.finer,
         )
         return surface[..., PAD * self.finer : 1 - (PAD + 1) * self.finer]
 
-    def is_plain(self, microphones: int) -> bool:
-        """Tell whether J on the grid is the plain sum over so many microphones, a point per lag."""
-        whole = len(self.array) == microphones and bool((self.weights == 1.0).all())
-        return whole and self.finer == 1 and self.spatial is None
+    @property
+    def is_plain(self) -> bool:
+        """Whether J on the grid is the plain sum over all microphones, a point per lag."""
+        whole = len(self.array) == len(self.view.observation.array)
+        return whole and not self.view.white and bool((self.weights == 1.0).all())
 
     def only(self, rows: Array) -> "Search":
         """Return the search of some of the observations."""
@@ -125,25 +136,25 @@ class Search:
     def share(self, azimuth: Array, elevation: Array) -> Array:
         """Return E(phi) / ||s||^2, J of an echo of gain 1: the sum of the weights, (B,) or (A,)."""
         if self.spatial is not None:
-            return self.spatial.strength(azimuth, elevation) / self.probe.energy
+            return self.spatial.strength(azimuth, elevation) / self.view.probe_energy
         return np.maximum(self.weights.sum(axis=-1), np.finfo(float).tiny)
 
     def delays(self, place: Place) -> Array:
         """Return tau + eta_m(phi), in samples after the window's first lag, shape (B, M)."""
         lag, azimuth, elevation = place
         toward = direction(azimuth, elevation)
-        eta = relative_delays(self.array, toward, speed_of_sound=1.0) * self.scale
-        return lag[:, None] + eta
+        return lag[:, None] + relative_delays(self.array, toward, scale=self.view.scale)
 
     def read(self, padded: Array, place: Place) -> Array:
         """Return r_m(tau + eta_m(phi)) of correlations (B, M, L + 2 PAD), shape (B, M)."""
         return derivatives(fft.rfft(padded), self.delays(place), size=padded.shape[-1])[0]
 
-    def model(self, peak: Peak, *, size: int) -> Array:
-        """Return the correlations of echoes: g a(t - tau - eta_m(phi)), shape (B, M, size)."""
+    def model(self, peak: Peak) -> Array:
+        """Return the correlations of echoes: g a(t - tau - eta_m(phi)), (B, M, L + 2 PAD)."""
         delays = self.delays(peak[:3])
+        size = self.view.padded.shape[-1]
         if self.spatial is None:
-            alone = echo_model(self.probe.samples, delays, size=size)
+            alone = echo_model(self.view.observation.probe.samples, delays, size=size)
         else:
             alone = self.spatial.model(delays + PAD, size=size)
         return peak.gain[:, None, None] * alone
@@ -205,8 +216,40 @@ class Search:
 
     def turning(self, azimuth: Array, elevation: Array) -> tuple[Array, Array]:
         """Return both derivatives of eta_m by the azimuth, in samples per rad, each (B, M)."""
-        positions = (self.array.positions - self.array.positions[0]) * self.scale
+        positions = (self.array.positions - self.array.positions[0]) * self.view.scale
         level = np.where(np.sin(elevation) < 1e-9, 0.0, np.sin(elevation))[:, None]
         ahead = direction(azimuth, np.pi / 2)
         aside = direction(azimuth + np.pi / 2, np.pi / 2)
         return -(aside @ positions.T) * level, (ahead @ positions.T) * level
+
+
+def joint_search(
+    matched: MatchedFilter,
+    *,
+    weights: Array | None = None,
+    refine: bool = True,
+    spatial: Spatial | None = None,
+) -> Search:
+    """Return the search of J over all microphones.
+
+    Args:
+        matched: recordings.
+        weights: of the microphones, shape (B, M); 1, and 0 for silent ones, unless given.
+        refine: climb between the points of the grid.
+        spatial: noise that microphones share, which has weighted the recordings.
+    """
+    check_extent(matched)
+    if weights is None:
+        weights = (~matched.silent).astype(float)
+    finer = FINER_JOINT if matched.white else 1
+    array = matched.observation.array
+    return Search(matched, array, matched.directions, weights, refine, finer, spatial)
+
+
+def reference_search(matched: MatchedFilter, *, refine: bool = True) -> Search:
+    """Return the search of r_1, the matched filter of microphone 1 alone."""
+    alone = MicArray(matched.observation.array.positions[:1])
+    anywhere = np.zeros(1)
+    weights = np.ones((len(matched.observation.samples), 1))
+    finer = FINER if matched.white else 1
+    return Search(matched, alone, (anywhere, anywhere), weights, refine, finer)

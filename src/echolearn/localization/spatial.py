@@ -94,7 +94,7 @@ class Spatial:
     def strength(self, azimuth: Array, elevation: Array) -> Array:
         """Return E(phi) of directions (A,): the energy of a whitened echo of gain 1, shape (A,)."""
         toward = direction(azimuth, elevation)
-        eta = relative_delays(self.array, toward, speed_of_sound=1.0) * self.scale
+        eta = relative_delays(self.array, toward, scale=self.scale)
         turned = np.exp(-1j * self.omega[:, None, None] * eta.T)  # (F, M, A)
         energy = np.square(np.abs(self.root @ turned)).sum(axis=1)
         # Every bin but the first and the Nyquist bin stands for a negative frequency too.

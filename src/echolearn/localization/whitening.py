@@ -16,7 +16,7 @@ import numpy as np
 
 from echolearn.acoustics import signals
 from echolearn.acoustics.types import Array, Observation, Probe
-from echolearn.checks import check
+from echolearn.checks import check, check_finite
 from echolearn.localization import faults
 
 LARGEST_WEIGHT = 4.0
@@ -77,7 +77,7 @@ def density(observation: Observation) -> Array:
         f"shape {psd.shape}",
         allowed=f"must be (F,) or ({microphones}, F), a row for each microphone",
     )
-    fine = bool(np.isfinite(psd).all() and (psd >= 0).all())
+    fine = np.isfinite(psd).all() and (psd >= 0).all()
     check(fine, name, "NaN, infinity or below 0", allowed="densities must be 0 or more")
     return np.broadcast_to(psd, (microphones, psd.shape[-1]))
 
@@ -87,7 +87,7 @@ def colour(psd: Array) -> Array:
     level = psd.mean(axis=-1, keepdims=True)
     loud = level[:, 0] > 0
     check(
-        bool(loud.any()),
+        loud.any(),
         "observation.noise_psd",
         "0",
         allowed="noise must be recorded at some microphone",
@@ -118,26 +118,19 @@ def noise_weights(observation: Observation, silent: Array) -> Array:
     return np.where(silent, 0.0, np.minimum(median / variance, LARGEST_WEIGHT))
 
 
-def noise_coherence(observation: Observation) -> Array:
-    """Return `noise_covariance`, which must be known, over the noise's `colour`, shape (F, M, M).
+def shared_noise(observation: Observation) -> tuple[Observation, Array]:
+    """Return an observation with a density, and `noise_covariance` over its `colour`, (F, M, M).
+
+    The density is the covariance's, where there is no other.
 
     Raises:
         BadValue: a covariance that is not known or does not fit the array.
     """
     covariance = _checked_covariance(observation)
-    return covariance / np.maximum(colour(_diagonal(covariance)), 1e-6)[:, None, None]
-
-
-def with_density(observation: Observation) -> Observation:
-    """Return an observation with a noise density: the covariance's, where it has no other."""
-    if observation.noise_psd is not None:
-        return observation
-    return replace(observation, noise_psd=_diagonal(_checked_covariance(observation)))
-
-
-def _diagonal(covariance: Array) -> Array:
-    """Return the densities (M, F) of covariances (F, M, M)."""
-    return np.diagonal(covariance, axis1=-2, axis2=-1).real.T
+    densities = np.diagonal(covariance, axis1=-2, axis2=-1).real.T
+    if observation.noise_psd is None:
+        observation = replace(observation, noise_psd=densities)
+    return observation, covariance / np.maximum(colour(densities), 1e-6)[:, None, None]
 
 
 def _checked_covariance(observation: Observation) -> Array:
@@ -155,13 +148,12 @@ def _checked_covariance(observation: Observation) -> Array:
     count = len(observation.array)
     fits = len(shape) == 3 and shape[1:] == (count, count) and shape[0] > 1
     check(fits, name, f"shape {shape}", allowed=f"must be (F, {count}, {count})")
-    finite = bool(np.isfinite(covariance).all())
-    check(finite, name, "NaN or infinity", allowed="numbers must be finite")
+    check_finite(name, covariance, allowed="numbers must be finite")
 
-    asymmetry = np.abs(covariance - covariance.conj().mT)
-    hermitian = bool((asymmetry <= 1e-6 * np.abs(covariance).max()).all())
+    asymmetry = np.abs(covariance - covariance.conj().mT).max()
+    least = np.diagonal(covariance, axis1=-2, axis2=-1).real.min()
     check(
-        hermitian and bool((_diagonal(covariance) >= 0).all()),
+        least >= 0 and asymmetry <= 1e-6 * np.abs(covariance).max(),
         name,
         "not Hermitian, or a density below 0",
         allowed="must be covariances E Y Y^H",

@@ -16,8 +16,7 @@ import math
 import numpy as np
 
 from echolearn.acoustics.types import Array, Room
-from echolearn.checks import check, check_number
-from echolearn.simulation.scene import check_speed
+from echolearn.checks import check, check_rate, check_speed
 
 MOST_IMAGES = 1e8
 """Images per microphone that an engine agrees to sum: seconds for `Images`, minutes for `Pyroom`.
@@ -46,7 +45,7 @@ def check_placement(
             speed out of range, or a T60 so long that the images cannot be counted out in reasonable
             time.
     """
-    check_number("sample_rate", sample_rate, low=1000.0, high=400_000.0, unit="Hz")
+    check_rate("sample_rate", sample_rate)
     check_speed("speed_of_sound", speed_of_sound)
     allowed = "must have shape (3,), in m"
     check(np.shape(source) == (3,), "source", np.shape(source), allowed=allowed)
@@ -70,5 +69,4 @@ def _check_inside(name: str, points: Array, room: Room) -> None:
     """Raise `BadValue` unless all points (P, 3) lie in the room."""
     inside = ((points >= 0) & (points <= np.array(room.size))).all(axis=1)
     place = np.round(points[np.argmin(inside)], 3).tolist()
-    size = " x ".join(f"{length:g}" for length in room.size)
-    check(bool(inside.all()), name, f"{place} m", allowed=f"must be inside the {size} m room")
+    check(inside.all(), name, f"{place} m", allowed=f"must be inside the {room.dimensions} room")

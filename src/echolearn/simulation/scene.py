@@ -19,7 +19,7 @@ from echolearn.acoustics.types import (
     Responder,
     Room,
 )
-from echolearn.checks import check_number
+from echolearn.checks import check_speed
 from echolearn.storage.identity import KIND
 
 
@@ -62,11 +62,6 @@ class Scene:
             speed_of_sound=self.speed_of_sound,
         )
         return signals.convolve(self.probe.samples, response, length=self.probe.length)
-
-
-def check_speed(name: str, speed_of_sound: object) -> None:
-    """Raise `BadValue` unless sound could be that fast, in m/s, in air or in water."""
-    check_number(name, speed_of_sound, low=100.0, high=2000.0, unit="m/s", hint="air is 343 m/s")
 
 
 def noise_kind(scene: Mapping[str, Any], *, sensor: bool = True) -> str:

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
-from echolearn.checks import check_whole
-from echolearn.localization.estimates import joint_echoes, joint_search, strongest_peaks
+from echolearn.localization.estimates import joint_echoes
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import MatchedFilter
-from echolearn.localization.relax import expect_maximize
+from echolearn.localization.relax import expect_maximize, relax
+from echolearn.localization.search import joint_search
 from echolearn.localization.whitening import noise_weights
 from echolearn.storage.identity import LATER
 
@@ -38,7 +38,7 @@ class Em:
         sign: of the echoes, positive or either (the largest |r|).
     """
 
-    window: SearchWindow = field(default_factory=SearchWindow)
+    window: SearchWindow = SearchWindow()
     azimuths: int = 180
     echoes: int = 1
     iterations: int = 30
@@ -49,7 +49,6 @@ class Em:
 
     def __post_init__(self) -> None:
         check_arguments(self)
-        check_whole("localizer.iterations", self.iterations, low=1, high=10_000)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
@@ -57,9 +56,7 @@ class Em:
         # One over the noise power makes the sum of correlations the likelihood.
         weights = noise_weights(matched.observation, matched.silent) if self.weigh else None
         search = joint_search(matched, weights=weights, refine=self.refine)
-        peaks = strongest_peaks(matched, search, echoes=self.echoes)
+        peaks = relax(search, self.echoes)
         if self.echoes > 1:
-            peaks = expect_maximize(
-                matched.padded, search, starts=peaks, iterations=self.iterations
-            )
-        return joint_echoes(matched, search, peaks)
+            peaks = expect_maximize(search, peaks, iterations=self.iterations)
+        return joint_echoes(search, peaks)

@@ -22,7 +22,7 @@ from scipy import fft
 
 from echolearn.acoustics.geometry import SearchWindow, direction
 from echolearn.acoustics.types import Array, Echoes, Observation
-from echolearn.checks import check, check_number
+from echolearn.checks import check
 from echolearn.localization.beamforming import invert, regularize
 from echolearn.localization.correlations import PAD, interpolate
 from echolearn.localization.estimates import reference_echoes
@@ -48,7 +48,7 @@ class Gated:
         sign: of the echoes, positive or either (the largest |r|).
     """
 
-    window: SearchWindow = field(default_factory=SearchWindow)
+    window: SearchWindow = SearchWindow()
     azimuths: int = 180
     echoes: int = 1
     beam: str = "das"
@@ -60,7 +60,6 @@ class Gated:
         check_arguments(self)
         known = self.beam in ("das", "mpdr")
         check(known, "localizer.beam", self.beam, allowed="must be das or mpdr")
-        check_number("localizer.gamma", self.gamma, low=0.0, high=1.0)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""

@@ -9,18 +9,21 @@ noise is the maximum likelihood estimate. The directions are the array's plane a
 the microphones share (`localization/spatial.py`).
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.acoustics.types import Array, Echoes, Observation
+from echolearn.acoustics.types import Echoes, Observation
 from echolearn.localization.correlations import PAD
-from echolearn.localization.estimates import joint_echoes, joint_search, strongest_peaks
+from echolearn.localization.estimates import joint_echoes
+from echolearn.localization.faults import alike
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.relax import relax
+from echolearn.localization.search import Search, joint_search
 from echolearn.localization.spatial import spatial
-from echolearn.localization.whitening import noise_coherence, with_density
+from echolearn.localization.whitening import shared_noise
 from echolearn.storage.identity import LATER
 
 
@@ -38,7 +41,7 @@ class Joint:
         sign: of the echoes, positive or either (the largest |r|).
     """
 
-    window: SearchWindow = field(default_factory=SearchWindow)
+    window: SearchWindow = SearchWindow()
     azimuths: int = 180
     echoes: int = 1
     refine: bool = True
@@ -53,35 +56,27 @@ class Joint:
         if self.whiten == "spatial":
             return self._weighted(observation)
         matched = prepare(self, observation, view=view, whole=False, reference=False)
-        search = joint_search(matched, refine=self.refine)
-        return joint_echoes(matched, search, strongest_peaks(matched, search, echoes=self.echoes))
+        return self._strongest(joint_search(matched, refine=self.refine))
 
     def _weighted(self, observation: Observation) -> Echoes:
         """Estimate with all microphones weighed together by the noise they share."""
-        observation = with_density(observation)
-        white = prepare(self, observation, view=None, whole=False, reference=False)
-        coherence = noise_coherence(observation)
-
-        # Recordings with the same silent microphones have one weighting.
-        patterns, which = np.unique(white.silent, axis=0, return_inverse=True)
-        found: dict[str, Array] = {}
-        for number, silent in enumerate(patterns):
-            rows = np.flatnonzero(which.ravel() == number)
-            for name, values in vars(self._alike(white, coherence, rows, silent)).items():
-                whole = found.setdefault(name, np.empty((len(which), self.echoes)))
-                whole[rows] = values
-        return Echoes(**found)
-
-    def _alike(self, view: MatchedFilter, coherence: Array, rows: Array, silent: Array) -> Echoes:
-        """Estimate from some of the whitened recordings, which share their silent microphones."""
+        observation, coherence = shared_noise(observation)
+        view = prepare(self, observation, view=None, whole=False, reference=False)
         white = view.observation
-        weighting = spatial(white, coherence, silent=silent)
-        # Energies are those of recordings with independent noise, correlations those with Gamma^-1.
-        samples = white.samples[rows]
-        whiter = replace(view, observation=replace(white, samples=weighting.whiten(samples)))
-        matched = whiter.with_outputs(
-            weighting.correlate(samples, first=view.first - PAD, last=view.last + PAD)
-        )
-        search = joint_search(matched, weights=np.ones(samples.shape[:2]), refine=self.refine)
-        search = replace(search, spatial=weighting)
-        return joint_echoes(matched, search, strongest_peaks(matched, search, echoes=self.echoes))
+        found = np.empty((len(fields(Echoes)), len(white.samples), self.echoes))
+        for rows, silent in alike(view.silent):
+            samples = white.samples[rows]
+            noise = spatial(white, coherence, silent=silent)
+            # Energies are those of recordings with independent noise, correlations have Gamma^-1.
+            whiter = replace(view, observation=replace(white, samples=noise.whiten(samples)))
+            matched = whiter.with_outputs(
+                noise.correlate(samples, first=view.first - PAD, last=view.last + PAD)
+            )
+            ones = np.ones(samples.shape[:2])
+            search = joint_search(matched, weights=ones, refine=self.refine, spatial=noise)
+            found[:, rows] = list(vars(self._strongest(search)).values())
+        return Echoes(*found)
+
+    def _strongest(self, search: Search) -> Echoes:
+        """Return the R strongest echoes of a search."""
+        return joint_echoes(search, relax(search, self.echoes))

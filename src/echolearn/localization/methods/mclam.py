@@ -23,14 +23,13 @@ from scipy.special import chdtri
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, Echoes, Observation
-from echolearn.checks import check_number
 from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.correlations import advance
-from echolearn.localization.estimates import joint_echoes, joint_search, reference_search
+from echolearn.localization.estimates import joint_echoes
 from echolearn.localization.faults import energies
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import MatchedFilter
-from echolearn.localization.search import Peak
+from echolearn.localization.search import Peak, joint_search, reference_search
 from echolearn.localization.whitening import noise_variance
 from echolearn.storage.identity import LATER
 
@@ -48,7 +47,7 @@ class Mclam:
         sign: of the echoes, positive or either (the largest |r|).
     """
 
-    window: SearchWindow = field(default_factory=SearchWindow)
+    window: SearchWindow = SearchWindow()
     azimuths: int = 180
     gamma: float = 0.1
     false_alarm: float = 0.05
@@ -62,8 +61,6 @@ class Mclam:
 
     def __post_init__(self) -> None:
         check_arguments(self)
-        check_number("localizer.gamma", self.gamma, low=0.0, high=1.0)
-        check_number("localizer.false_alarm", self.false_alarm, low=1e-12, high=1.0)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echo of each observation, samples (B, M, N) -> fields (B, 1)."""
@@ -80,7 +77,7 @@ class Mclam:
         one = reference_search(matched, refine=self.whiten)(aligned)
 
         gain = one.gain / search.weights.sum(axis=-1)
-        echoes = joint_echoes(matched, search, [Peak(one.lag, azimuth, plane, gain, one.height)])
+        echoes = joint_echoes(search, [Peak(one.lag, azimuth, plane, gain, one.height)])
         present = detected(matched, self.false_alarm)[:, None]
         return replace(
             echoes,

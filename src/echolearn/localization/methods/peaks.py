@@ -16,7 +16,6 @@ from scipy import fft
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, Echoes, Observation
-from echolearn.checks import check_number
 from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.estimates import echoes_at, mpdr_echoes
 from echolearn.localization.localizer import check_arguments, prepare
@@ -38,7 +37,7 @@ class Peaks:
         sign: of the echoes, positive or either (the largest |r|).
     """
 
-    window: SearchWindow = field(default_factory=SearchWindow)
+    window: SearchWindow = SearchWindow()
     azimuths: int = 180
     gamma: float = 0.1
     echoes: int = 1
@@ -48,8 +47,6 @@ class Peaks:
 
     def __post_init__(self) -> None:
         check_arguments(self)
-        check_number("localizer.gamma", self.gamma, low=0.0, high=1.0)
-        check_number("localizer.loading", self.loading, low=0.0, high=1e6)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the highest peaks of each observation, samples (B, M, N) -> fields (B, R)."""
@@ -64,7 +61,7 @@ def response(matched: MatchedFilter, loading: float) -> Array:
     observation = matched.observation
     size = fft.next_fast_len(observation.samples.shape[-1], real=True)
     emitted = fft.rfft(observation.probe.samples, size)
-    density = np.abs(emitted) ** 2 + loading * float(np.sum(observation.probe.samples**2))
+    density = np.abs(emitted) ** 2 + loading * matched.probe_energy
     # Division by a density of 0 must give no NaN; what is there is noise anyway.
     inverse = emitted.conj() / np.maximum(density, np.finfo(float).tiny)
     estimate = fft.irfft(fft.rfft(observation.samples[:, 0], size) * inverse, size)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
-from echolearn.checks import check, check_number, check_whole
+from echolearn.checks import check
 from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.estimates import mpdr_echoes, reference_echoes
 from echolearn.localization.localizer import check_arguments, prepare
@@ -38,7 +38,7 @@ class Snls:
         sign: of the echoes, positive or either (the largest |r|).
     """
 
-    window: SearchWindow = field(default_factory=SearchWindow)
+    window: SearchWindow = SearchWindow()
     azimuths: int = 180
     elevations: int = 1
     gamma: float = 0.1
@@ -48,12 +48,13 @@ class Snls:
 
     def __post_init__(self) -> None:
         check_arguments(self)
-        check_whole("localizer.elevations", self.elevations, low=1, high=90)
-        directions = self.azimuths * self.elevations
-        allowed = f"azimuths * elevations must be at most {MOST_DIRECTIONS}"
-        fits = directions <= MOST_DIRECTIONS
-        check(fits, "localizer.azimuths", self.azimuths, allowed=allowed, hint="memory would end")
-        check_number("localizer.gamma", self.gamma, low=0.0, high=1.0)
+        check(
+            self.azimuths * self.elevations <= MOST_DIRECTIONS,
+            "localizer.azimuths",
+            self.azimuths,
+            allowed=f"azimuths * elevations must be at most {MOST_DIRECTIONS}",
+            hint="memory would end",
+        )
         check(
             self.echoes == 1 or self.elevations == 1,
             "localizer.elevations",
@@ -64,6 +65,5 @@ class Snls:
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         matched = prepare(self, observation, view=view, whole=True, reference=True)
-        times = reference_echoes(matched, self.echoes)
         mpdr = Mpdr(self.azimuths, self.elevations, self.gamma)
-        return mpdr_echoes(matched, times, mpdr=mpdr)
+        return mpdr_echoes(matched, reference_echoes(matched, self.echoes), mpdr=mpdr)

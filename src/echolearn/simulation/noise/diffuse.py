@@ -12,7 +12,6 @@ short filter of phase zero. It acts in frames by overlap-add, so it is one linea
 no trace of the frames.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -22,8 +21,7 @@ from scipy import fft
 from scipy.special import j0
 
 from echolearn.acoustics.types import SPEED_OF_SOUND, Array, MicArray
-from echolearn.checks import check_whole
-from echolearn.simulation.scene import check_speed
+from echolearn.checks import check_speed, check_whole
 
 
 class Source(Protocol):
@@ -59,7 +57,7 @@ class Diffuse:
             length=len(array) * (length + self.frame), sample_rate=sample_rate, rng=rng
         )
         root = _mixing(
-            tuple(map(tuple, array.positions.tolist())),
+            array,
             bins=self.frame + 1,
             sample_rate=sample_rate,
             speed_of_sound=self.speed_of_sound,
@@ -82,12 +80,10 @@ def coherence(places: Array, frequencies: Array, *, speed_of_sound: float) -> Ar
 
 
 @lru_cache(maxsize=16)
-def _mixing(
-    places: Sequence[Sequence[float]], *, bins: int, sample_rate: float, speed_of_sound: float
-) -> Array:
+def _mixing(array: MicArray, *, bins: int, sample_rate: float, speed_of_sound: float) -> Array:
     """Return principal square roots of the coherence from 0 to the Nyquist frequency, (F, M, M)."""
     frequencies = np.linspace(0.0, sample_rate / 2, bins)
-    matrices = coherence(np.array(places), frequencies, speed_of_sound=speed_of_sound)
+    matrices = coherence(array.positions, frequencies, speed_of_sound=speed_of_sound)
     values, vectors = np.linalg.eigh(matrices)
     root = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None]) @ vectors.mT
     # Every caller gets this array itself.

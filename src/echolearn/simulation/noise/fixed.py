@@ -14,9 +14,8 @@ import numpy as np
 from scipy import fft
 
 from echolearn.acoustics.types import SPEED_OF_SOUND, Array, MicArray
-from echolearn.checks import check, check_list, check_number
+from echolearn.checks import check, check_metres, check_speed
 from echolearn.simulation.noise.diffuse import Source
-from echolearn.simulation.scene import check_speed
 
 NEAREST = 0.01
 """Least distance in m from any microphone."""
@@ -38,13 +37,7 @@ class Fixed:
 
     def __post_init__(self) -> None:
         check_speed("diffuse.speed_of_sound", self.speed_of_sound)
-        allowed = "must be one place or more, each with three coordinates in m"
-        check_list("diffuse.places", self.places, allowed=allowed)
-        check(len(self.places) > 0, "diffuse.places", "[]", allowed=allowed)
-        for place in self.places:
-            check_list("diffuse.places", place, length=3, allowed=allowed)
-            for coordinate in place:
-                check_number("diffuse.places", coordinate, low=-100.0, high=100.0, unit="m")
+        check_metres("diffuse.places", self.places, shape=(-1, 3))
 
     def __call__(
         self, array: MicArray, *, length: int, sample_rate: float, rng: np.random.Generator

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import resample_poly
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import BadValue, check, check_number
+from echolearn.checks import BadValue, check, check_rate
 
 NAME = "diffuse.source.path"
 
@@ -68,10 +68,10 @@ def recorded(
     Raises:
         BadValue: no such file, not audio, silence somewhere, NaN, or a channel that is not there.
     """
-    check_number("diffuse.source.sample_rate", sample_rate, low=1000.0, high=400_000.0, unit="Hz")
+    check_rate("diffuse.source.sample_rate", sample_rate)
     samples, rate = _read(path)
     chosen = _choose(samples, channel)
-    finite = bool(np.isfinite(chosen).all())
+    finite = np.isfinite(chosen).all()
     check(finite, NAME, f"{path}, NaN or infinity", allowed="must be finite samples")
 
     ratio = Fraction(sample_rate / rate).limit_denominator(10_000)

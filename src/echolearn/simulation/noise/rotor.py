@@ -25,7 +25,7 @@ import numpy as np
 from scipy import fft, signal
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check_number, check_whole
+from echolearn.checks import check_fields
 
 LOWEST = 20.0
 """Frequency in Hz at which wash and hiss begin."""
@@ -39,8 +39,11 @@ harmonic."""
 
 RANGES = {
     "rate": (1.0, 1000.0, "Hz"),
+    "blades": (1, 20, ""),
+    "rotors": (1, 32, ""),
     "jitter": (0.0, 0.2, ""),
     "wander": (2 * STEP, 100.0, "s"),
+    "harmonics": (1, 1000, ""),
     "blade_gain_db": (-100.0, 100.0, "dB"),
     "tonal": (0.0, 1.0, ""),
     "corner": (LOWEST, 100_000.0, "Hz"),
@@ -88,11 +91,7 @@ class Rotor:
     hiss_corner: float = 6500.0
 
     def __post_init__(self) -> None:
-        for name, (low, high, unit) in RANGES.items():
-            value = getattr(self, name)
-            check_number(f"diffuse.source.{name}", value, low=low, high=high, unit=unit)
-        for name, most in (("blades", 20), ("rotors", 32), ("harmonics", 1000)):
-            check_whole(f"diffuse.source.{name}", getattr(self, name), low=1, high=most)
+        check_fields("diffuse.source", self, ranges=RANGES)
 
     def __call__(self, *, length: int, sample_rate: float, rng: np.random.Generator) -> Array:
         """Return `length` samples whose expected power is 1, shape (length,)."""
