@@ -136,9 +136,9 @@ def _started(workers: int) -> Iterator["Client"]:
     import dask
     from distributed import Client, LocalCluster, Security
 
-    pages = {f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")}
+    keys = [f"distributed.{role}.http.routes" for role in ("scheduler", "worker")]
     with (
-        dask.config.set(pages),
+        dask.config.set(dict.fromkeys(keys, [])),
         TemporaryDirectory(prefix="echolearn-dask-", ignore_cleanup_errors=True) as scratch,
         single_threads(),
     ):
