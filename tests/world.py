@@ -120,7 +120,7 @@ def train(dataset: Dataset, name: str, *, seed: int, runs: Path, **changes: Any)
     """Train one of the classifiers."""
     keys = CLASSIFIERS[name] | changes
     problem = LearningProblem(dataset, seed=seed)
-    make = partial(config.build, keys)
+    make = partial(config.build, keys, "classifier")
     train_run(problem, name=name, classifier=make, config=by_short_names(keys), runs=runs)
 
 

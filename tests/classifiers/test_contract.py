@@ -39,7 +39,7 @@ def plain(name: str) -> dict[str, Any]:
 def quick(name: str) -> Any:
     """Build a classifier with settings for small problems."""
     keys = plain(name)
-    return config.build(keys | QUICK.get(keys["_target_"].rpartition(".")[2], {}))
+    return config.build(keys | QUICK.get(keys["_target_"].rpartition(".")[2], {}), "classifier")
 
 
 def problem(inputs: tuple[str, ...], *, rows: int, seed: int) -> tuple[Array, Array]:
@@ -104,7 +104,7 @@ def test_configuration_is_a_call_that_can_be_made_as_it_stands(name):
     text = (config.folder() / "classifier" / f"{name}.yaml").read_text()
     assert text.startswith("_target_: echolearn.classifiers.methods.")
     view = "covariance" if "covnet" in name else "features"
-    assert view_of(config.build(plain(name)).inputs) == view
+    assert view_of(config.build(plain(name), "classifier").inputs) == view
 
 
 def test_separates_unseen_rows(fitted):

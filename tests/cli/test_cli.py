@@ -129,7 +129,7 @@ MISTAKES = """
 1 | generate workers=0 | workers=0: must be a whole number from 1 to 1024
 1 | generate plan.room.t60=0.2 | room.t60=0.2 s: must be over 0.206 s
 1 | generate plan.margin=0.1 | pose.position=(0.1, 0.1, 0.1) m: the array of radius 0.2 m must be
-1 | generate scene._target_=os.system | _target_=os.system: must be a function or class defined in
+1 | generate scene._target_=os.system | scene._target_=os.system: must be a class like echolearn.simu
 1 | train plan=tiny | must be a set that exists under runs/data; run: echolearn generate plan=tiny
 2 | train -m plan=glob(zz*) | error: plan=glob(zz*): matches nothing; known are offgrid_10x8x6,
 2 | train -m seed=glob(*) | error: seed=glob(*): matches nothing$

@@ -12,7 +12,9 @@ from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue, suggest
 from echolearn.cli.compose import compose, dotted
 from echolearn.cli.config import UsageError, build, folder
+from echolearn.cli.targets import KINDS
 from echolearn.cli.words import plain_config
+from echolearn.storage import identity
 
 ROOM = {"_target_": "echolearn.acoustics.types.Room", "size": [5.0, 4.0, 3.0], "t60": 0.4}
 
@@ -28,27 +30,99 @@ def one(command: str, *words: str) -> dict[str, Any]:
 
 
 def test_a_configuration_is_a_call_written_down() -> None:
-    assert build(ROOM) == Room((5.0, 4.0, 3.0), 0.4)
+    assert build(ROOM, "room") == Room((5.0, 4.0, 3.0), 0.4)
 
 
 def test_calls_inside_lists_and_mappings_are_made_and_all_else_stays() -> None:
-    plain = {"a": [ROOM, 1], "b": {"c": ROOM}, "d": None}
-    assert build(plain) == {"a": [build(ROOM), 1], "b": {"c": build(ROOM)}, "d": None}
+    plain = {"room": [ROOM, 1], "b": {"room": ROOM}, "d": None}
+    room = Room((5.0, 4.0, 3.0), 0.4)
+    assert build(plain, "plan") == {"room": [room, 1], "b": {"room": room}, "d": None}
 
 
-TARGETS = """
-os.system builtins.eval subprocess.run pathlib.Path torch.load
-echolearn echolearnx.types.Room echolearn.storage.manifests.os.system
-echolearn.storage.manifests.Path echolearn.cli.config.import_module
+NOWHERE = """
+echolearn echolearnx.types.Room echolearn.storage.manifests.os.system nowhere.at.all .Room
 echolearn.acoustics.types.SPEED_OF_SOUND echolearn.acoustics.types.NoSuchThing
 echolearn.nowhere.Room
 """
 
 
-@pytest.mark.parametrize("target", [*TARGETS.split(), "", None, 3])
-def test_nothing_else_can_be_called(target: object) -> None:
-    with pytest.raises(BadValue, match="_target_"):
-        build({"_target_": target})
+@pytest.mark.parametrize("target", [*NOWHERE.split(), "", None, 3])
+def test_what_cannot_be_imported_is_refused(target: object) -> None:
+    said = r"^room\._target_=.*: must be the dotted name of a class or a function"
+    with pytest.raises(BadValue, match=said):
+        build({"_target_": target}, "room")
+
+
+MENACING = """
+os.system os.abort builtins.eval builtins.exec builtins.open subprocess.run subprocess.Popen
+subprocess.check_output shutil.rmtree pathlib.Path torch.load sys.exit
+echolearn.storage.files.save_json echolearn.storage.files.write_atomic
+echolearn.dataset.generate.generate echolearn.cli.main.main echolearn.robot.bundle.read_bundle
+"""
+
+
+@pytest.mark.parametrize("target", MENACING.split())
+def test_what_is_not_of_its_places_kind_is_refused_before_it_is_called(target: str) -> None:
+    for place in (*KINDS, "localizers.mine", "scene.diffuse"):
+        said = rf"^{place}\._target_={target}: must be a class like echolearn\."
+        with pytest.raises(BadValue, match=said):
+            build({"_target_": target, "path": "x", "plain": {}}, place)
+
+
+def test_a_call_stands_where_there_is_a_kind_for_it() -> None:
+    with pytest.raises(BadValue, match="^seed=_target_: must not be here"):
+        build({"seed": ROOM}["seed"], "seed")
+
+
+ABROAD = """
+from dataclasses import dataclass
+from echolearn.acoustics.types import Room
+
+@dataclass(frozen=True)
+class Hiss:
+    level: float = 1.0
+    def __call__(self, array, *, length, sample_rate, rng):
+        return self.level * rng.normal(size=(len(array), length))
+
+class Deaf:
+    def __call__(self, array):
+        raise RuntimeError
+
+def hall(side: float) -> Room:
+    return Room((side, side, 3.0), 0.4)
+
+def liar(side: float) -> Room:
+    return side
+
+def silent(side: float):
+    raise RuntimeError
+"""
+
+
+@pytest.fixture
+def abroad(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a package of somebody else's be importable."""
+    (tmp_path / "abroad.py").write_text(ABROAD)
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+@pytest.mark.usefixtures("abroad")
+def test_classes_and_functions_of_anybody_can_be_called() -> None:
+    assert build({"_target_": "abroad.hall", "side": 5.0}, "room") == Room((5.0, 5.0, 3.0), 0.4)
+    words = ["noise._target_=abroad.Hiss", "noise.level=2.0"]
+    plan = build(one("generate", "plan=tiny", *words)["plan"], "plan")
+    assert plan.scene.noise.level == 2.0
+    assert identity.plain(plan)["scene"]["noise"] == {"kind": "abroad.hiss", "level": 2.0}
+
+
+@pytest.mark.usefixtures("abroad")
+@pytest.mark.parametrize(
+    ("place", "leaf"), [("noise", "Deaf"), ("room", "liar"), ("room", "silent"), ("room", "Hiss")]
+)
+def test_what_only_seems_to_be_of_a_kind_is_refused(place: str, leaf: str) -> None:
+    arguments = {"side": 5.0} if place == "room" and leaf != "Hiss" else {}
+    with pytest.raises(BadValue, match=rf"^{place}\._target_=abroad.{leaf}: must be a class like"):
+        build({"_target_": f"abroad.{leaf}", **arguments}, place)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +166,7 @@ def test_each_job_knows_the_command_line_that_makes_it_alone() -> None:
 def test_interpolations_follow_what_was_set() -> None:
     config = one("generate", "plan.window.nearest=0.7", "scene.speed_of_sound=340.0")
     assert config["window"] == config["plan"]["window"] == config["plan"]["localizer"]["window"]
-    assert build(config["window"]) == SearchWindow(0.7, 2.0, "authors")
+    assert build(config["window"], "window") == SearchWindow(0.7, 2.0, "authors")
     assert config["plan"]["scene"]["speed_of_sound"] == 340.0
 
 

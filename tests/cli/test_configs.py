@@ -12,7 +12,8 @@ import pytest
 import yaml
 
 from echolearn.cli.compose import compose
-from echolearn.cli.config import TARGET, build, find, folder
+from echolearn.cli.config import build, folder
+from echolearn.cli.targets import TARGET, imported
 from echolearn.dataset.plans import GridPlan, Plan, ScatteredPlan
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.rotor import Rotor
@@ -74,9 +75,8 @@ def test_every_file_can_be_built(path: Path) -> None:
 def test_every_file_shows_all_keys_of_what_it_calls(path: Path) -> None:
     """So the file is the manual, and an override is checked before anything runs."""
     for call in calls(composed(path)):
-        assert (
-            call.keys() - {TARGET} == inspect.signature(find(call[TARGET], "")).parameters.keys()
-        ), call[TARGET]
+        known = inspect.signature(imported(call[TARGET], "")).parameters
+        assert call.keys() - {TARGET} == known.keys(), call[TARGET]
 
 
 @cache

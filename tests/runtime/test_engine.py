@@ -77,7 +77,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
 def plan_of(words: list[str]) -> Any:
     """Return the plan of a command line."""
     [(_, config)] = compose("generate", words)
-    return build(config["plan"])
+    return build(config["plan"], "plan")
 
 
 def engine(option: str, workers: int) -> Any:

@@ -88,7 +88,7 @@ def make_set(folder: Path, *, positions: int, each: int = 1, shards: int = 1) ->
 
 def train(problem: LearningProblem, keys: dict[str, Any], runs: Path, **more: Any) -> Any:
     """Train a classifier under the name "some"."""
-    given = {"classifier": lambda: config.build(keys), "config": keys, "name": "some"}
+    given = {"classifier": lambda: config.build(keys, "classifier"), "config": keys, "name": "some"}
     return training.train(problem, runs=runs, **given | more)
 
 

@@ -7,12 +7,20 @@ another architecture, write another recipe.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from torch import nn
 
 from echolearn.checks import check, check_list, check_whole
 from echolearn.classifiers.classifier import check_settings
+
+
+class Recipe(Protocol):
+    """What makes a network."""
+
+    def __call__(self, shape: tuple[int, ...]) -> nn.Module:
+        """Return the network for rows of `shape`: (B, *shape) float32 to logits (B,)."""
 
 
 @dataclass(frozen=True)

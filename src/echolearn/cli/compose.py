@@ -17,7 +17,8 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from echolearn.checks import suggest
-from echolearn.cli.config import TARGET, Config, UsageError, folder
+from echolearn.cli.config import Config, UsageError, folder
+from echolearn.cli.targets import TARGET
 from echolearn.cli.words import TEXTS, check_texts, plain_config
 
 if TYPE_CHECKING:

@@ -2,26 +2,19 @@
 
     conf/*.yaml + command line --compose--> plain containers --build--> objects
 
-`build` makes the call, innermost first. What it calls must be defined in one of `ALLOWED`. The name
-is imported, never searched for by walking through attributes, so
-`echolearn.storage.manifests.os.system` leads nowhere; and where an object was defined counts, not
-where it was found. Errors of what is called come through as they are.
+`build` makes the call, innermost first; `targets` tells what may be called where. Errors of what is
+called come through as they are.
 """
 
 import inspect
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from echolearn.checks import BadValue, suggest
+from echolearn.cli.targets import TARGET, check_made, find
 
 Config = dict[str, Any]
-
-TARGET = "_target_"
-
-ALLOWED = ("echolearn.", "torch.nn.")
-"""Where a target may be defined."""
 
 
 class UsageError(Exception):
@@ -34,12 +27,12 @@ def folder() -> Path:
     return installed if installed.is_dir() else Path(__file__).parents[3] / "conf"
 
 
-def build(config: Any, name: str = "config") -> Any:
+def build(config: Any, name: str) -> Any:
     """Make the calls that a configuration writes down.
 
     Args:
         config: plain containers; every mapping with `_target_` becomes what its call returns.
-        name: dotted name of this part, for errors.
+        name: dotted name of this part, whose last word decides what may be called.
 
     Raises:
         BadValue: a target that is not allowed or not there, a key that it does not know or lacks.
@@ -53,33 +46,30 @@ def build(config: Any, name: str = "config") -> Any:
     if TARGET not in config:
         return arguments
 
-    function = find(arguments.pop(TARGET), name)
+    target = arguments.pop(TARGET)
+    function = find(target, name)
+    _check_keys(arguments, function, name=name)
+    value = function(**arguments)
+    check_made(value, target, name)
+    return value
+
+
+def _check_keys(arguments: Config, function: Callable[..., Any], *, name: str) -> None:
+    """Raise `BadValue` for a key that a function does not know, or one that it lacks.
+
+    Args:
+        arguments: by name.
+        function: what is to be called.
+        name: dotted name of the place.
+    """
     parameters = inspect.signature(function).parameters
+    if any(each.kind is each.VAR_KEYWORD for each in parameters.values()):
+        return  # it knows for itself
     for key, value in arguments.items():
         if key not in parameters:
             advice = suggest(key, list(parameters))
             raise BadValue(f"{name}.{key}={value}: there is no such key; {advice}")
     for key, parameter in parameters.items():
-        if key not in arguments and parameter.default is parameter.empty:
-            raise BadValue(f"{name}.{key}: is missing; {config[TARGET]} needs it")
-    return function(**arguments)
-
-
-def find(target: object, name: str) -> Callable[..., Any]:
-    """Return the function or class of a dotted name, if it is defined where targets may be.
-
-    Raises:
-        BadValue: it is not, or does not exist.
-    """
-    module, _, leaf = str(target).rpartition(".")
-    places = " or ".join(f"{place}*" for place in ALLOWED)
-    refusal = f"{name}.{TARGET}={target}: must be a function or class defined in {places}"
-    if not module.startswith(ALLOWED):
-        raise BadValue(f"{refusal}; a configuration may call nothing else")
-    try:
-        found = getattr(import_module(module), leaf)
-    except (ModuleNotFoundError, AttributeError) as error:
-        raise BadValue(f"{refusal}; {error}") from None
-    if not callable(found) or not f"{getattr(found, '__module__', '')}".startswith(ALLOWED):
-        raise BadValue(f"{refusal}; this one is not")
-    return found
+        required = parameter.default is parameter.empty
+        if key not in arguments and required:
+            raise BadValue(f"{name}.{key}: is missing; {function.__qualname__} needs it")
