@@ -112,7 +112,7 @@ def test_classes_and_functions_of_anybody_can_be_called() -> None:
     words = ["noise._target_=abroad.Hiss", "noise.level=2.0"]
     plan = build(one("generate", "plan=tiny", *words)["plan"], "plan")
     assert plan.scene.noise.level == 2.0
-    assert identity.plain(plan)["scene"]["noise"] == {"kind": "abroad.hiss", "level": 2.0}
+    assert identity.plain(plan)["scene"]["noise"] == {"kind": "abroad.Hiss", "level": 2.0}
 
 
 @pytest.mark.usefixtures("abroad")
