@@ -72,7 +72,8 @@ def test_the_table_holds_every_echo_to_the_last_digit(walk: MappedWalk) -> None:
     written = table.write(walk)
     found = rows(written["map.csv"])
     header = "index,x_m,y_m,toa_s,azimuth_rad,elevation_rad,power,score,confidence,kept"
-    assert ",".join(found[0]) == header
+    assert ",".join(found[0]) == f"{header},floor_or_ceiling"
+    assert [row["floor_or_ceiling"] for row in found] == ["0", "0", "0", "0", "0", "1"]
     assert [int(row["index"]) for row in found] == [0, 0, 1, 1, 2, 2]
     assert [row["kept"] for row in found] == ["1", "1", "1", "1", "0", "1"]
     toa = walk.echoes.toa.ravel()
@@ -212,7 +213,12 @@ def test_walls_are_drawn_above_points() -> None:
 def test_the_drawing_has_equal_axes_and_every_point(walk: MappedWalk) -> None:
     found = shapes(walk)
     kinds = [shape.get("class") for shape in found]
-    assert [kinds.count(kind) for kind in ("kept", "rejected", "outline", "path")] == [4, 1, 1, 1]
+    drawn = [kinds.count(kind) for kind in ("kept", "rejected", "upright", "outline", "path")]
+    assert drawn == [4, 1, 1, 1, 1]
+    assert (
+        found[-1].text
+        == "points: 4 kept (blue), 1 rejected (hollow), 1 from floor or ceiling (pink)"
+    )
     kept = [shape.attrib for shape in found if shape.get("class") == "kept"]
     x, y = ([float(dot[axis]) for dot in (kept[0], kept[3])] for axis in ("cx", "cy"))
     assert x[1] - x[0] == pytest.approx(svg.SCALE * 1.0, abs=0.2)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -58,10 +59,10 @@ def about(folder: Path) -> dict[str, Any]:
 
 
 def points(folder: Path) -> Array:
-    """Return x, y, confidence and whether it is kept, of every point of a map, shape (P, 4)."""
+    """Return x, y, confidence, kept, and whether from floor or ceiling, of all points, (P, 5)."""
     with (folder / "map.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    names = ("x_m", "y_m", "confidence", "kept")
+    names = ("x_m", "y_m", "confidence", "kept", "floor_or_ceiling")
     return np.array([[float(row[name]) for name in names] for row in rows])
 
 
@@ -69,18 +70,28 @@ def on_walls(places: Array, corners: Array) -> Array:
     return distance_to_outline(places[:, :2], corners) <= MAP_TOLERANCE
 
 
-def test_the_map_is_what_the_scorer_finds(packed: Path, walk: Path, made: Make) -> None:
+def test_the_map_is_what_the_scorer_finds(
+    packed: Path, walk: Path, made: Make, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = made()
     assert sorted(content(folder)) == FILES
     found = score_survey(load(packed), reader.read_survey(walk)).map
     table = points(folder)
+    said = capsys.readouterr().out
+    counts = re.match(r"36 poses, (\d+) echoes kept: (\d+) points in the map, (\d+) from", said)
+    assert counts is not None
+    kept, shown, upright = map(int, counts.groups())
+    assert kept == found.kept.sum() == shown + upright
+    svg = (folder / "map.svg").read_text()
+    assert [svg.count(f'class="{kind}"') for kind in ("kept", "upright")] == [shown, upright]
     assert len(table) == POSES and np.array_equal(table[:, :2], found.points)
     assert np.array_equal(table[:, 2], found.confidence)
     assert np.array_equal(table[:, 3] == 1, found.kept)
     true = on_walls(table, outline(HALL))
     scores = about(folder)["scores"]
-    assert scores["precision"] == pytest.approx(true[found.kept].mean())
-    assert scores["true_retention"] == pytest.approx(found.kept[true].mean())
+    drawn = (table[:, 3] == 1) & (table[:, 4] == 0)
+    assert scores["precision"] == pytest.approx(true[drawn].mean())
+    assert scores["true_retention"] == pytest.approx(drawn[true].mean())
 
 
 def test_a_finished_map_is_shown_again_and_another_survey_makes_another(
@@ -263,16 +274,19 @@ def test_where_nothing_is_kept_there_is_advice(
 ) -> None:
     """Noise has no echoes; of 36 poses with it one might be believed, of 4 none."""
     made()
-    assert "no echo is believed" not in capsys.readouterr().out
+    assert "no point is drawn" not in capsys.readouterr().out
     rows = (walk / "poses.csv").read_text().splitlines(keepends=True)
     (walk / "poses.csv").write_text("".join(rows[:5]))
     for seed, name in enumerate(reader.read_survey(walk).files):
         noise = np.random.default_rng(seed).standard_normal((6, 6000))
         (walk / name).write_bytes(audio.wav_bytes(noise, 22050.0))
     assert about(made())["kept"] == 0
-    first, second, *_ = capsys.readouterr().out.splitlines()
-    assert first.startswith("4 poses, 0 echoes kept")
-    assert second.startswith("no echo is believed; is the direct path removed (calibration.wav, ")
+    said = capsys.readouterr().out
+    first, second, *causes = said.partition("  precision")[0].splitlines()
+    assert first.startswith("4 poses, 0 echoes kept: 0 points in the map, 0 from floor or ceiling")
+    assert second == "no point is drawn; the most likely cause first:"
+    assert causes[0].startswith("  1. ") and "on trust" in "".join(causes)
+    assert causes == [f"  {n}. {c}" for n, c in enumerate(about(made())["causes"], start=1)]
 
 
 def at_rate(walk: Path, rate: int) -> None:

@@ -64,6 +64,11 @@ class MappedWalk:
         """Which points are kept and belong to a wall, shape (P * R,), bool."""
         return np.asarray(self.map.kept) & self.sideways
 
+    @property
+    def upright(self) -> Array:
+        """Which points are kept and come from floor or ceiling, shape (P * R,), bool."""
+        return np.asarray(self.map.kept) & ~self.sideways
+
     @cached_property
     def lines(self) -> list[Line]:
         """Walls that the shown points suggest."""

@@ -4,7 +4,7 @@ What is there must be a map. Nothing is written before it is known that all of i
 """
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,6 @@ from echolearn.storage.files import clean, write_atomic
 SHOWN = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
 """Metrics that are printed where the room is known."""
 
-ADVICE = (
-    "is the direct path removed (calibration.wav, direct=), is speed_of_sound right, "
-    "was the bundle trained for such rooms and noise?"
-)
-"""Likely mistakes where nothing is kept."""
-
 
 def finished_map(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
     """Return the manifest of a finished map with these inputs, if it is there.
@@ -42,7 +36,9 @@ def finished_map(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | No
     )
     with suppress(BadValue):
         about = manifests.verify(folder)
-        return about if about.get("inputs") == inputs else None
+        # Before there were these numbers, tables had fewer columns.
+        current = about.get("inputs") == inputs and "points" in about
+        return about if current else None
     return None
 
 
@@ -87,15 +83,21 @@ def _tell_replaced(folder: Path, inputs: Mapping[str, Any]) -> None:
             print(f"{folder}: replaces the map of another survey or bundle", file=sys.stderr)
 
 
-def describe_map(mapped: MappedWalk) -> dict[str, Any]:
-    """Return what the manifest of a map says of it; a metric without a value is None."""
+def describe_map(mapped: MappedWalk, causes: Sequence[str]) -> dict[str, Any]:
+    """Return what the manifest of a map says of it; a metric without a value is None.
+
+    Args:
+        mapped: the map.
+        causes: why no point of it is drawn, if so.
+    """
     scores = None
     if mapped.outline is not None:
         found = mapped.map
         values = evaluate_map(
             mapped.outline,
             found.points,
-            kept=found.kept,
+            # What is drawn is what is scored.
+            kept=mapped.shown,
             confidence=found.confidence,
             poses=found.poses,
         )
@@ -106,14 +108,22 @@ def describe_map(mapped: MappedWalk) -> dict[str, Any]:
         "lines": len(mapped.lines),
         "poses": len(mapped.poses),
         "kept": int(np.sum(mapped.map.kept)),
+        "points": int(np.sum(mapped.shown)),
+        "floor_or_ceiling": int(np.sum(mapped.upright)),
+        "causes": [*causes],
     }
 
 
 def report(about: Mapping[str, Any]) -> None:
     """Print what a map holds and what it is worth."""
-    print(f"{about['poses']} poses, {about['kept']} echoes kept, {about['lines']} walls fitted")
-    if not about["kept"]:
-        print(f"no echo is believed; {ADVICE}")
+    print(
+        f"{about['poses']} poses, {about['kept']} echoes kept: {about['points']} points in the "
+        f"map, {about['floor_or_ceiling']} from floor or ceiling; {about['lines']} walls fitted"
+    )
+    if about["causes"]:
+        print("no point is drawn; the most likely cause first:")
+    for number, cause in enumerate(about["causes"], start=1):
+        print(f"  {number}. {cause}")
     for name in SHOWN if about["scores"] else ():
         value = about["scores"][name]
         print(f"  {name:17}" + ("undefined" if value is None else f"{value:.3f}"))

@@ -18,6 +18,7 @@ import numpy as np
 from echolearn.checks import BadValue, check, check_name, check_number
 from echolearn.mapping.files import grid, ply, svg, table
 from echolearn.mapping.mapped_walk import MappedWalk
+from echolearn.robot.advice import causes
 from echolearn.robot.bundle import Bundle
 from echolearn.robot.compatibility import mount_angle
 from echolearn.robot.map_folder import describe_map, finished_map, report, write_map
@@ -28,6 +29,7 @@ from echolearn.storage.files import sha256
 from echolearn.storage.once import once
 from echolearn.survey.audio import LARGEST, check_size
 from echolearn.survey.direct_path import REMOVALS
+from echolearn.survey.health import examine
 from echolearn.survey.proof import read_proved, used
 from echolearn.survey.reader import CALIBRATION, Survey, blocks
 
@@ -77,7 +79,10 @@ def map_survey(
         """Write the map, and return its manifest."""
         mapped = score_survey(scorer, walk, resolution=float(resolution))
         files = {key: value for writer in writers for key, value in writer.write(mapped).items()}
-        about = describe_map(mapped) | {"inputs": inputs} | manifests.command_entry(command)
+        why = []
+        if not mapped.shown.any():
+            why = causes(mapped, examine(walk), scorer.bundle.localizer.window)
+        about = describe_map(mapped, why) | {"inputs": inputs} | manifests.command_entry(command)
         return write_map(folder, files, about=about)
 
     finished = partial(finished_map, folder, inputs)

@@ -1,8 +1,9 @@
 """`map.svg`: the map as a drawing with equal axes.
 
-It shows the path, kept and rejected points, the fitted walls, and the outline if it is known.
-Colours are those of Okabe and Ito, which colour-blind readers tell apart; a rejected point is
-hollow besides.
+It shows the path, kept and rejected points, the fitted walls, and the outline if it is known; and
+kept echoes from floor or ceiling, which belong to no wall. Colours are those of Okabe and Ito,
+which colour-blind readers tell apart; a rejected point is hollow besides, one of floor or ceiling
+fainter.
 """
 
 import numpy as np
@@ -16,6 +17,7 @@ SCALE = 60
 STYLE = """\
 .outline{fill:none;stroke:#999;stroke-width:1.5}.path{fill:none;stroke:#bbb;stroke-dasharray:3 3}\
 .rejected{fill:none;stroke:#D55E00;stroke-width:.8}.kept{fill:#0072B2}\
+.upright{fill:#CC79A7;fill-opacity:.75}\
 .wall{stroke:#009E73;stroke-width:4;stroke-opacity:.55}text{font:12px sans-serif;fill:#333}"""
 
 
@@ -39,6 +41,7 @@ def write(walk: MappedWalk) -> Files:
     shapes = [_run('polygon class="outline"', placed(outline))] if len(outline) else []
     shapes.append(_run('polyline class="path"', placed(walk.path)))
     shapes += _dots(points[rejected], kind="rejected", radii=sizes[rejected])
+    shapes += _dots(points[walk.upright], kind="upright", radii=sizes[walk.upright])
     shapes += _dots(points[walk.shown], kind="kept", radii=sizes[walk.shown])
     shapes += [_wall(placed(np.stack([line.start, line.end]))) for line in walk.lines]
     body = "\n".join(shapes)
@@ -51,7 +54,7 @@ width="{width}" height="{height + 36}">
 <path d="M10 {height + 4}h{SCALE}" stroke="#333" stroke-width="2"/>
 <text x="{SCALE + 16}" y="{height + 8}">1 m; {len(walk.lines)} walls fitted (green)</text>
 <text x="10" y="{height + 26}">points: {walk.shown.sum()} kept (blue), \
-{rejected.sum()} rejected (hollow)</text>
+{rejected.sum()} rejected (hollow), {walk.upright.sum()} from floor or ceiling (pink)</text>
 </svg>
 """
     return {"map.svg": content.encode()}

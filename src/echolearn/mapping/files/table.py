@@ -8,7 +8,9 @@ import numpy as np
 from echolearn.acoustics.types import Array
 from echolearn.mapping.mapped_walk import Files, MappedWalk
 
-COLUMNS = "index x_m y_m toa_s azimuth_rad elevation_rad power score confidence kept".split()
+COLUMNS = """
+    index x_m y_m toa_s azimuth_rad elevation_rad power score confidence kept floor_or_ceiling
+""".split()
 WALLS = "x0_m y0_m x1_m y1_m normal_rad offset_m normal_sd_rad offset_sd_m rms_m points".split()
 
 
@@ -27,7 +29,7 @@ def echo_rows(walk: MappedWalk) -> Iterable[Sequence[float]]:
     names = np.array(walk.numbers, dtype=object)[walk.index]
     columns: list[Array] = [names, *found.points.T]
     columns += [echoes.toa, echoes.azimuth, echoes.elevation, echoes.power, echoes.score]
-    columns += [found.confidence, np.asarray(found.kept, dtype=int)]
+    columns += [found.confidence, np.asarray(found.kept, dtype=int), ~walk.sideways + 0]
     return zip(*(column.reshape(-1).tolist() for column in columns), strict=True)
 
 

@@ -1,0 +1,71 @@
+"""Why a map is empty: causes from what was measured, the most likely first.
+
+A cause is told only if there is evidence of it. What the recordings themselves show (`Health`)
+comes after what geometry rules out, and before what nobody can know.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from echolearn.acoustics.geometry import SearchWindow, distance_to_outline
+from echolearn.mapping.mapped_walk import MappedWalk
+from echolearn.survey.health import Health
+
+LAST = (
+    "was the bundle trained for such rooms and noise, is speed_of_sound right, is the probe the "
+    "one that was played?"
+)
+"""What is left to ask where nothing else is known."""
+
+FEW_DB = 0.0
+"""dB of SNR below which single recordings hardly tell echoes."""
+
+
+def causes(mapped: MappedWalk, health: Health, window: SearchWindow) -> list[str]:
+    """Return why no point of a map is drawn, a line each, the most likely first.
+
+    Args:
+        mapped: the walk and its echoes.
+        health: what its recordings say about themselves.
+        window: where the bundle seeks echoes.
+    """
+    return [*_of_geometry(mapped, window), *_of_recordings(health), LAST]
+
+
+def _of_geometry(mapped: MappedWalk, window: SearchWindow) -> Iterator[str]:
+    """Yield what the places of walls, floor and ceiling explain."""
+    reach = f"{window.nearest:g} to {window.farthest:g} m"
+    if mapped.map.kept.any():
+        count = int(np.sum(mapped.map.kept))
+        yield (
+            f"all {count} kept echoes come from floor or ceiling, which are louder than walls "
+            f"here: is a wall {reach} away?"
+        )
+    if mapped.outline is not None:
+        # Near a corner the distance to the outline is that of one wall: the nearest.
+        away = distance_to_outline(mapped.path[:, :2], mapped.outline)
+        if away.min() > window.farthest:
+            yield (
+                f"no pose is within {window.farthest:g} m of a wall, where the bundle listens "
+                f"({reach}); the nearest is {away.min():.1f} m away"
+            )
+
+
+def _of_recordings(health: Health) -> Iterator[str]:
+    """Yield what the recordings show."""
+    if health.negative_echoes > 0.5:
+        share = 100 * health.negative_echoes
+        yield (
+            f"the strongest echo is negative in {share:.0f} % of the recordings: is the "
+            "loudspeaker wired the other way? A bundle of localizer.sign=either takes both signs"
+        )
+    yield from health.noticed
+    known = health.snr_db[np.isfinite(health.snr_db)]
+    if len(known) and np.median(known) < FEW_DB:
+        yield f"the SNR is {np.median(known):.0f} dB: average several pings at each pose"
+    if not health.direct:
+        yield (
+            "time zero is taken on trust, and one sample of latency moves every echo: leave the "
+            "direct path in (direct_path: present), and it is measured"
+        )

@@ -1,0 +1,67 @@
+"""Why a map is empty: what was measured decides which cause is told first."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from by_hand import write_small
+from echolearn.acoustics.geometry import SearchWindow
+from echolearn.mapping.mapped_walk import MappedWalk
+from echolearn.robot.advice import LAST, causes
+from echolearn.survey.health import Health, examine
+from echolearn.survey.reader import read_survey
+from mapped_walks import lopsided
+
+SOUND: dict[str, Any] = {"direct": True, "noticed": (), "negative_echoes": 0.0}
+SOUND |= {"snr_db": np.array([20.0, np.nan])}
+
+
+@pytest.fixture(scope="module")
+def health(tmp_path_factory: pytest.TempPathFactory) -> Health:
+    """Return the health of a small survey, made out to be sound."""
+    return replace(examine(read_survey(write_small(tmp_path_factory.mktemp("s")))), **SOUND)
+
+
+def told(walk: MappedWalk, health: Health, **changes: Any) -> list[str]:
+    return causes(walk, replace(health, **changes), SearchWindow(1.0, 2.0))
+
+
+@pytest.fixture
+def empty() -> MappedWalk:
+    """Return a walk 1 m from a wall, of which no echo is believed."""
+    walk = lopsided()
+    return replace(walk, map=replace(walk.map, kept=np.zeros(6, dtype=bool)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"negative_echoes": 0.8}, "the strongest echo is negative in 80 % of the recordings"),
+        ({"noticed": ("microphone 3 is 38 dB down",)}, "microphone 3 is 38 dB down"),
+        ({"snr_db": np.array([-12.0, np.nan])}, "the SNR is -12 dB"),
+        ({"direct": False}, "time zero is taken on trust"),
+    ],
+)
+def test_evidence_comes_before_questions(
+    empty: MappedWalk, health: Health, change: dict[str, Any], message: str
+) -> None:
+    assert told(empty, health) == [LAST]
+    first, last = told(empty, health, **change)
+    assert first.startswith(message) and last == LAST
+
+
+def test_what_geometry_rules_out_comes_first(empty: MappedWalk, health: Health) -> None:
+    far = replace(
+        empty, outline=20 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    )
+    first, second, _ = told(far, health, negative_echoes=1.0)
+    assert "no pose is within 2 m of a wall" in first and "16.0 m away" in first
+    assert "negative in 100 %" in second
+
+
+def test_kept_echoes_of_the_ceiling_alone_are_no_map(empty: MappedWalk, health: Health) -> None:
+    kept = np.array([False] * 5 + [True])
+    ceiling = replace(empty, map=replace(empty.map, kept=kept))
+    assert told(ceiling, health)[0].startswith("all 1 kept echoes come from floor or ceiling")
