@@ -1,5 +1,7 @@
 """What a stranger writes into `survey.yaml` and `poses.csv`: whatever is wrong is one line."""
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from by_hand import FILES, edit
-from echolearn.acoustics.types import Pose
+from echolearn.acoustics.types import Array, Pose
 from echolearn.checks import BadValue
 from echolearn.survey import reader
-from echolearn.survey.poses import poses_csv
+from echolearn.survey.poses import poses_csv, read_poses
 
 CORNERS = "must be null, or 3 to 1000 distinct corners in order around an area"
 KEYS = (
@@ -192,7 +194,6 @@ COLUMNS = "the columns index,x_m,y_m,z_m,heading_rad,file"
         (HEAD + "0,1,1,1,0\n", " row 2 file=None: must be the name of a recording, which can be"),
         (HEAD + "0,1,1,1,0,\n", " row 2 file='': must"),
         (HEAD + "0,1,1,1,0,a\x07\n", " row 2 file='a\\x07': must"),
-        (HEAD + "0,nan,1,1,0,a\n", " row 2 x_m='nan': must"),
         (
             HEAD + "0,1,1,1,inf,a\n",
             " row 2 heading_rad='inf': must be a number from -100 to 100 rad",
@@ -232,6 +233,119 @@ COLUMNS = "the columns index,x_m,y_m,z_m,heading_rad,file"
 def test_bad_poses_are_refused(folder: Path, text: str, message: str) -> None:
     (folder / "poses.csv").write_text(text)
     assert refusal(folder, "poses.csv").startswith(message)
+
+
+LIMITS = "must be a number from -10000 to 10000 m; "
+MISTAKES = {
+    "nan": LIMITS + "remove the row of a pose that is not known",
+    "": LIMITS + "remove the row of a pose that is not known",
+    "#N/A": LIMITS + "remove the row of a pose that is not known",
+    "-inf": LIMITS + "remove the row of a pose that is not known",
+    "1.5m": LIMITS + "are decimals set off by a point, cells by commas?",
+    "12500": LIMITS + "are they in mm?",
+    "691608.4": LIMITS + "are they UTM, or in mm? Count metres from a corner of the room",
+}
+
+
+@pytest.mark.parametrize("cell", MISTAKES)
+def test_each_mistake_in_a_cell_has_a_hint_of_its_own(folder: Path, cell: str) -> None:
+    (folder / "poses.csv").write_text(HEAD + f"0,1,1,1,0,a\n1,1,{cell},1,0,b\n")
+    assert refusal(folder, "poses.csv") == f" row 3 y_m={cell!r}: {MISTAKES[cell]}"
+    (folder / "poses.csv").write_text(HEAD + "0,1,1,1,90\u00b0,a\n", encoding="utf-8")
+    assert refusal(folder, "poses.csv").endswith("; is it in degrees?")
+
+
+def walked(headings: Array, places: Array, *, files: Sequence[str] = ()) -> str:
+    """Return a table of poses at those headings and places (P, 2)."""
+    rows = zip(headings, places, files or [f"{k}.wav" for k in range(len(headings))], strict=True)
+    lines = [f"{k},{x},{y},1,{angle},{file}\n" for k, (angle, (x, y), file) in enumerate(rows)]
+    return HEAD + "".join(lines)
+
+
+STEPS = np.arange(20)
+STILL = np.tile([2.0, 3.0], (20, 1))
+STRAIGHT = np.stack([STEPS * 0.3, 0 * STEPS], axis=1)
+BEND = 3 * np.stack([np.sin(STEPS / 14), 1 - np.cos(STEPS / 14)], axis=1)
+ANY = np.random.default_rng(0).uniform(0, 90, 20)
+TANGENT = STEPS / 14 + 1 / 28
+NOISE = 0.02 * np.random.default_rng(1).standard_normal(20)
+
+DEGREES = {
+    "any up to 90": (ANY, STILL),
+    "any from -45 to 45": (ANY - 45, STRAIGHT),
+    "typed whole": (STEPS, STILL),
+    "typed in halves": (STEPS / 2, STRAIGHT),
+    "always 45": (0 * STEPS + 45, STRAIGHT),
+    "around one corner": (np.where(STEPS < 12, 0.3, 89.8) + NOISE, STRAIGHT),
+    "along a bend": (np.rad2deg(TANGENT + NOISE), BEND),
+    "to the right of a bend": (np.rad2deg(TANGENT + NOISE) - 90, BEND),
+}
+
+
+@pytest.mark.parametrize("name", DEGREES)
+def test_headings_in_degrees_are_refused_below_100_too(folder: Path, name: str) -> None:
+    headings, places = DEGREES[name]
+    (folder / "poses.csv").write_text(walked(headings, places))
+    said = refusal(folder, "poses.csv")
+    assert said.startswith(f" heading_rad=values up to {np.abs(headings).max():g}: must be rad; ")
+
+
+RADIANS = {
+    "within pi": (np.random.default_rng(2).uniform(-np.pi, np.pi, 20), STRAIGHT),
+    "within two pi": (np.random.default_rng(2).uniform(0, 2 * np.pi, 20), STRAIGHT),
+    "to and fro across pi": (np.where(STEPS % 2, 3.1416, -3.1416), STILL),
+    "typed whole within a turn": (STEPS % 7, STILL),
+    "turning on the spot": (STEPS * 0.7, STILL),
+    "turning fast": (STEPS * 2.4, STILL),
+    "turning along a line": (STEPS * 0.7 + NOISE, STRAIGHT),
+    "turning along a bend": (STEPS * 0.7 + NOISE, BEND),
+    "two turns before the bend": (TANGENT + 4 * np.pi + NOISE, BEND),
+}
+
+
+@pytest.mark.parametrize("name", RADIANS)
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_headings_in_rad_are_taken_as_they_are(folder: Path, name: str, shuffled: bool) -> None:
+    """In whatever order the rows stand."""
+    headings, places = RADIANS[name]
+    head, *rows = walked(headings, places).splitlines(keepends=True)
+    if shuffled:
+        rows = [rows[k] for k in np.random.default_rng(3).permutation(20)]
+    (folder / "poses.csv").write_text(head + "".join(rows))
+    found = [pose.heading for pose in read_poses(folder / "poses.csv")[1]]
+    assert sorted(found) == sorted(headings)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (walked(0 * STEPS, 1000 * BEND), " x_m, y_m=steps of 214.24: must be m, most poses"),
+        (walked(0 * STEPS, 100 * STRAIGHT), " x_m, y_m=steps of 30: must be m, most poses within"),
+        (walked(TANGENT, BEND, files=["a"] * 20), " file=a, 20 times: must name a recording for"),
+        (walked([0.0, 0.1], STILL[:2], files=["a", "a"]), " file=a, 2 times: must name"),
+    ],
+)
+def test_what_no_robot_walks_is_refused(folder: Path, text: str, message: str) -> None:
+    (folder / "poses.csv").write_text(text)
+    assert refusal(folder, "poses.csv").startswith(message)
+
+
+@pytest.mark.parametrize("empty", [",,,,,", ", ,,\t,, ", ",,,,,,,", "\r"])
+def test_rows_without_a_cell_are_no_poses(folder: Path, empty: str) -> None:
+    path = folder / "poses.csv"
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\r\n".join([head, empty, rows[0], empty, rows[1], empty, empty]), newline="")
+    assert reader.read_survey(folder).numbers == (0, 1)
+
+
+@pytest.mark.parametrize("text", ["3.43e2", "3.43E+2", "343e0", "+3430e-1", ".343e3", "343.e0"])
+def test_exponents_are_numbers(folder: Path, text: str) -> None:
+    path = folder / "survey.yaml"
+    path.write_text(re.sub("(?<=speed_of_sound: ).*", text, path.read_text()))
+    path.write_text(path.read_text().replace("- - 0.2\n", "- - 2e-1\n"))
+    survey = reader.read_survey(folder)
+    assert survey.speed_of_sound == 343.0
+    assert survey.array.positions[0].tolist() == [0.2, 0.0, 0.0]
 
 
 def test_spreadsheets_may_begin_with_a_mark_and_set_blanks(folder: Path) -> None:

@@ -5,6 +5,7 @@ can stand for endless lists (aliases) or exhaust a parser's stack (nesting): bot
 anything is built from it. So is a key that is there twice, of which YAML would take the last.
 """
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from functools import partial
@@ -38,6 +39,17 @@ IN_ROOM = 10_000.0
 CORNERS = "must be null, or 3 to 1000 distinct corners in order around an area"
 
 UNKNOWN = "leave it out where it is not known"
+
+
+class Loader(yaml.SafeLoader):
+    """Reads 1e3 as a number, as YAML 1.2 does; PyYAML's own would have it text."""
+
+
+Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+\Z"),
+    list("-+.0123456789"),
+)
 
 
 def check_outline(name: str, value: object) -> None:
@@ -122,9 +134,9 @@ def _load(text: str) -> Any:
         raise ValueError("it holds an alias, *name, by which little text can become endless lists")
 
     # The tree of nodes still has both of two equal keys; the mapping made of it would not.
-    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    node = yaml.compose(text, Loader=Loader)
     _check_once(node)
-    return None if node is None else yaml.SafeLoader("").construct_document(node)
+    return None if node is None else Loader("").construct_document(node)
 
 
 def _check_once(node: Any) -> None:

@@ -3,7 +3,8 @@
     index,x_m,y_m,z_m,heading_rad,file[,pose_sd_m][,heading_sd_rad]
 
 A row is a pose. `CELLS` and `ERRORS` name the columns, each with the function that reads a cell of
-it; further columns are not looked at. Errors count rows as spreadsheets do.
+it; further columns are not looked at. Rows without a single cell, as spreadsheets leave them, are
+none. Errors count rows as spreadsheets do.
 """
 
 import csv
@@ -22,14 +23,24 @@ from echolearn.checks import BadValue, check
 from echolearn.storage.files import one_line
 from echolearn.survey.audio import check_size
 from echolearn.survey.description import IN_ROOM
+from echolearn.survey.walked import check_walk
 
 LARGEST_CSV = 4 << 20
 """Bytes that `poses.csv` may have."""
+
+FAR = 100_000.0
+"""m; eastings of UTM begin at 166 000, a room of so many millimetres is a hall of 100 m."""
+
+ABSENT = ("", "nan", "na", "n/a", "null", "none", "value!", "ref!", "div/0!", "inf", "infinity")
+"""Cells, without # and signs, of a pose that is not known."""
 
 DIGITS = 19
 """Digits of a pose's index: nanoseconds since 1970 have so many."""
 
 BY_POINT = "are decimals set off by a point, cells by commas?"
+UNKNOWN = "remove the row of a pose that is not known"
+DEGREES = "is it in degrees?"
+MAP_FRAME = "are they UTM, or in mm? Count metres from a corner of the room"
 NAMES = "they name the poses in map.csv"
 
 
@@ -47,11 +58,18 @@ def read_number(
         least: smallest number, `-most` unless given.
     """
     low = -most if least is None else least
+    text = str(cell or "").strip()
     try:
-        number = float(cell or "")
+        number = float(text)
     except ValueError:
         number = math.nan
         hint = BY_POINT
+    if not math.isfinite(number) and text.strip("#+-").lower() in ABSENT:
+        hint = UNKNOWN
+    elif text.endswith(("\u00b0", "deg")):
+        hint = DEGREES
+    elif unit == "m" and abs(number) >= FAR:
+        hint = MAP_FRAME
     allowed = f"must be a number from {low:g} to {most:g} {unit}"
     check(low <= number <= most, name, f"{cell!a:.60}", allowed=allowed, hint=hint)
     return number
@@ -80,7 +98,7 @@ CELLS: dict[str, Callable[[str, Any], Any]] = {
     "x_m": METRES,
     "y_m": METRES,
     "z_m": METRES,
-    "heading_rad": partial(read_number, most=100.0, unit="rad", hint="is it in degrees?"),
+    "heading_rad": partial(read_number, most=100.0, unit="rad", hint=DEGREES),
     "file": read_name,
 }
 """Columns of `poses.csv`."""
@@ -117,6 +135,7 @@ def read_poses(path: Path) -> tuple[tuple[int, ...], tuple[Pose, ...], tuple[str
     [(most, times)] = Counter(numbers).most_common(1)
     allowed = "must have each number once"
     check(times == 1, f"{path} index", f"{most}, {times} times", allowed=allowed, hint=NAMES)
+    check_walk(str(path), sorted(rows, key=lambda row: row["index"]))
     return numbers, tuple(map(_pose, rows)), tuple(row["file"] for row in rows)
 
 
@@ -140,6 +159,8 @@ def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
         for row in table:
             name = f"{path} row {table.line_num}"
             beyond = row.pop(None, [])
+            if not any(map(str.strip, filter(None, [*row.values(), *beyond]))):
+                continue
             count = f"{len(columns) + len(beyond)} cells"
             check(
                 not any(beyond), name, count, allowed=f"must be {len(columns)} cells", hint=BY_POINT
