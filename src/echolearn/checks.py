@@ -4,7 +4,6 @@ The checks stand below every room, so that whoever is handed a value can refuse 
 """
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, TypeGuard
@@ -137,12 +136,14 @@ def check_fields(name: str, owner: object, *, ranges: Mapping[str, Range]) -> No
 
 
 def check_name(name: str, value: object) -> None:
-    """Raise `BadValue` unless `value` can name a folder: letters, digits, dots, - and _."""
+    """Raise `BadValue` unless `value` can name a folder that everybody sees."""
+    text = value if isinstance(value, str) else ""
+    plain = text.isprintable() and text == text.strip() and "/" not in text
     check(
-        isinstance(value, str) and re.fullmatch(r"\w[\w.-]*", value) is not None,
+        plain and text[:1] not in ("", ".", "-"),
         name,
         value,
-        allowed="must be letters, digits, dots, - and _, the first a letter, a digit or _",
+        allowed="must be a name without /, beginning with neither a dot, - nor a blank",
         hint="a path is no name",
     )
     size = len(str(value).encode())

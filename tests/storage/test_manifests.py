@@ -91,7 +91,7 @@ FOREIGN = ["echolearn train; rm -r x", "echolearn train\nrm", "echolearn 'train"
 
 def advised(folder: Path, command: object) -> str:
     """Return what is advised about a folder that was made here by a command."""
-    return manifests.repair_hint(manifests.finish(folder, {"command": command}, []))
+    return repair_hint(manifests.finish(folder, {"command": command}, []), folder)
 
 
 def test_only_a_command_line_of_ones_own_is_advised(tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_the_command_of_a_stranger_is_not_advised(
     with monkeypatch.context() as elsewhere:
         elsewhere.setenv("XDG_STATE_HOME", str(tmp_path / "another"))
         manifest = manifests.finish(tmp_path, {"command": "echolearn train runs=/"}, [])
-    assert manifests.repair_hint(manifest) == "make it again as it was made"
+    assert repair_hint(manifest, tmp_path) == "make it again as it was made"
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,10 @@ from importlib.util import find_spec
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from echolearn.checks import suggest
+from echolearn.checks import BadValue, suggest
 from echolearn.cli.config import Config, UsageError, folder
 from echolearn.cli.targets import TARGET
-from echolearn.cli.words import TEXTS, check_texts, plain_config
+from echolearn.cli.words import TEXTS, is_text, plain_config, quoted, split
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
@@ -84,15 +84,15 @@ def _parse(word: str) -> "Override":
         return parser.parse_overrides([word])[0]
     except OverrideParseException as error:
         key, equal, value = word.partition("=")
-        if equal and str(error).startswith("Error parsing"):
+        text = key in TEXTS or key.endswith(".name")
+        if equal and not text and str(error).startswith("Error parsing"):
             # It is about a function, such as glob(...), and says what is wrong with it.
             raise
-        hint = "are quotes or brackets missing?"
+        hint = quoted(word)
         if not equal:
             hint = "it is no key=value"
-        elif not {*value} & {*'[{"$`\\'}:
-            quoted = value.replace("'", "\\'")
-            hint = f"quote it twice: \"{key}='{quoted}'\""
+        elif value[:1] in ("'", '"', "") or ({*value} & {*"[{"} and not text):
+            hint = "are quotes or brackets missing?"
         raise UsageError(f"{word}: cannot be read; {hint}") from error
 
 
@@ -103,14 +103,16 @@ def _spread(override: "Override", *, many: bool) -> list[str]:
         return [word]
     if not many:
         hint = "or brackets if they are one list, key=[a,b]"
+        if override.key_or_group in TEXTS:
+            hint = f"or is it one name? Then {quoted(word)}"
         raise UsageError(f"{word}: several values need -m, {hint}")
 
     key, _, typed = word.partition("=")
-    if {*typed} & {*"'\"[](){}"}:
-        values = list(override.sweep_string_iterator())
-    else:
+    if override.is_choice_sweep() and override.value().simple_form:  # type: ignore[union-attr]
         # As they were typed: Hydra would make 7 of 007.
-        values = [value.strip() for value in typed.split(",")]
+        values = split(typed)
+    else:
+        values = list(override.sweep_string_iterator())
     if not values:
         options = ", ".join(_options(override.key_or_group))
         raise UsageError(f"{word}: matches nothing" + (options and f"; known are {options}"))
@@ -138,7 +140,6 @@ def _configuration(command: str, job: Sequence[str], *, resolve: bool) -> Config
             _set(config, override, known)
 
     plain: Any = OmegaConf.to_container(config, resolve=resolve, throw_on_missing=resolve)
-    check_texts(plain)
     return {**plain, "command": shlex.join(["echolearn", command, *job])}
 
 
@@ -217,9 +218,16 @@ def _set(config: "DictConfig", override: "Override", known: Sequence[str]) -> No
         advice = f"; leave it out by {group}=null" if group in config.choice else ""
         raise UsageError(f"{word}: {refusal}{advice}")
 
-    # A name that looks like a number stays what was typed.
-    if isinstance(value, int | float) and (key in TEXTS or isinstance(default, str)):
-        value = word.partition("=")[2].strip()
+    # A name that looks like a number stays what was typed, in a list of names, too.
+    typed = word.partition("=")[2].strip()
+    if is_text(key, default):
+        if isinstance(value, list | dict):
+            allowed = f"must be a {'path' if key in TEXTS - {'name'} else 'name'}"
+            raise BadValue(f"{word}: {allowed}; {quoted(word)}")
+        value = typed if isinstance(value, int | float) else value
+    elif isinstance(value, list) and default and all(isinstance(name, str) for name in default):
+        pairs = zip(value, split(typed[1:-1]), strict=True)
+        value = [item if isinstance(item, str) else name for item, name in pairs]
     OmegaConf.update(config, key, value, merge=True, force_add=True)
 
 

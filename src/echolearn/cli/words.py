@@ -11,12 +11,13 @@ command whose configuration is one file is read by `plain_config`, and every val
 """
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from echolearn.checks import check, suggest
+from echolearn.checks import suggest
 from echolearn.cli.config import Config, UsageError, folder
+from echolearn.storage.advice import assignment, shell, text_of
 
 TEXTS = frozenset("name runs survey bundle run best readme page scaling".split())
 """Keys of names and paths, which take text even where their default is null."""
@@ -68,14 +69,34 @@ def read_value(word: str, default: Any) -> Any:
             return float(value)
         raise UsageError(f"{word}: must be a number")
     # Quotes around a text are not part of it, as with Hydra.
-    quoted = len(value) > 1 and value[0] == value[-1] and value[0] in "'\""
-    return value[1:-1] if quoted else value
+    return text_of(value)
 
 
-def check_texts(config: Mapping[str, Any]) -> None:
-    """Raise `BadValue` if a name or a path is a list, say."""
-    for key in TEXTS & config.keys():
-        value = config[key]
-        allowed = f"must be a {'name' if key == 'name' else 'path'}"
-        hint = "quote it twice: \"'...'\""
-        check(value is None or isinstance(value, str), key, value, allowed=allowed, hint=hint)
+def quoted(word: str) -> str:
+    """Return how to write a word whose value is meant as it stands, for Hydra and for a shell."""
+    key, _, value = word.partition("=")
+    return f"quote it twice: {shell(assignment(key, value))}"
+
+
+def is_text(key: str, default: Any) -> bool:
+    """Tell whether a key takes a text: a name, a path, or what has a text for its default."""
+    return key in TEXTS or isinstance(default, str)
+
+
+def split(typed: str) -> list[str]:
+    """Return what stands between commas, but for those within quotes or brackets."""
+    parts = [""]
+    mark = ""
+    depth = 0
+    for character in typed:
+        if mark:
+            mark = "" if character == mark and not parts[-1].endswith("\\") else mark
+        elif character in "'\"":
+            mark = character
+        else:
+            depth += (character in "[{(") - (character in "]})")
+        if character == "," and not mark and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += character
+    return [part.strip() for part in parts]

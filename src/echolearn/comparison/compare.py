@@ -6,10 +6,12 @@ The comparison is identified by what goes into it (runs, sets, surveys, settings
 not redone.
 """
 
+import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import partial
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from echolearn.comparison.evaluate import Inputs, evaluate
 from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.evaluation.rows import to_csv
 from echolearn.localization.localizer import Localizer
+from echolearn.storage.advice import assignment, command_line
 from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.identity import digest, plain
 from echolearn.storage.manifests import (
@@ -128,7 +131,7 @@ def load_inputs(
     models = defaultdict(list)
     for run in load_runs(runs):
         models[run.model].append(run)
-    hint = "run `echolearn train` first"
+    hint = f"run first: {command_line('train', runs=runs)}"
     check(len(models) > 0, "runs", runs, allowed="must be a folder with trained runs", hint=hint)
     enough = len(localizers) > 0 or not surveys
     check(enough, "localizers", "{}", allowed="must hold at least one, to localize the surveys")
@@ -185,11 +188,11 @@ def find_set(runs: Path, name: str) -> Path:
     Raises:
         BadValue: none, or several that differ in their settings.
     """
-    folders = [path.parent for path in (runs / "data").glob(f"{name}-*/{MANIFEST}")]
+    folders = [path.parent for path in (runs / "data").glob(f"{escape(name)}-*/{MANIFEST}")]
     # What follows the name is the digest alone: `grid-*` finds `grid-fine-<digest>`, too.
     named = sorted(each for each in folders if "-" not in each.name.removeprefix(f"{name}-"))
     found = [each for each in named if load_manifest(each).get("format") == FORMAT]
-    hint = f"run `echolearn generate plan={name}`"
+    hint = f"run: {command_line('generate', assignment('plan', name), runs=runs)}"
     if found:
         hint = "remove the outdated: " + ", ".join(map(str, found))
     elif named:
@@ -207,6 +210,9 @@ def find_survey(runs: Path, name: str) -> Path:
     """
     folder = runs / "survey" / name
     finished = (folder / MANIFEST).is_file()
-    hint = "run `echolearn survey` for its room and snr_db"
+    # Names of surveys begin like this unless they are given.
+    usual = re.fullmatch(r"(\w+)_(-?[\d.]+)dB", name)
+    words = [f"room={usual[1]}", f"snr_db={usual[2]}"] if usual else [assignment("name", name)]
+    hint = f"run: {command_line('survey', *words, runs=runs)}"
     check(finished, "surveys", name, allowed="must be the name of a finished survey", hint=hint)
     return folder

@@ -8,6 +8,7 @@ from echolearn.acoustics.signals import joint_db
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check
 from echolearn.storage import manifests
+from echolearn.storage.advice import repair_hint
 from echolearn.storage.files import let_go, open_array
 from echolearn.storage.identity import digest
 
@@ -40,7 +41,7 @@ class Dataset:
         self._check_format()
         self.name: str = self.manifest["plan"]["name"]
         self.digest: str = digest(self.manifest["files"])
-        mend = manifests.repair_hint(self.manifest)
+        mend = repair_hint(self.manifest, self.folder)
         files = sorted(self.manifest["files"].items())
         self._shards = [
             open_array(self.folder / name, size=entry["bytes"], sha256=entry["sha256"], mend=mend)
@@ -53,9 +54,10 @@ class Dataset:
         found = self.manifest.get("format")
         if found != FORMAT:
             maker = "echolearn 0.1" if found == 1 else f"another version (format {found})"
-            again = manifests.own_command(self.manifest) or "echolearn generate plan=..."
             reason = f"made by {maker}, whose sets this version cannot read"
-            raise BadValue(f"set={self.folder}: {reason}; make it again: {again}")
+            raise BadValue(
+                f"set={self.folder}: {reason}; {repair_hint(self.manifest, self.folder)}"
+            )
 
     def __len__(self) -> int:
         return int(self.manifest["rows"])

@@ -43,7 +43,7 @@ def mount_angle(bundle: Bundle, *, array: MicArray, probe: Probe) -> float:
     rate = bundle.probe.sample_rate
     if probe.sample_rate != rate:
         rates = f"bundle expects sample_rate={rate:g} Hz, survey has {probe.sample_rate:g} Hz"
-        mend = f"`echolearn map resample=true`, or: sox in.wav -r {rate:g} out.wav"
+        mend = f"resample=true, or: sox in.wav -r {rate:g} out.wav"
         raise BadValue(f"{rates}; resample with {mend}")
 
     # Positions can be compared only where there are as many.

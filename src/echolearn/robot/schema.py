@@ -18,7 +18,7 @@ from echolearn.checks import (
     check_whole,
 )
 from echolearn.localization.columns import COVARIANCE_BANDS
-from echolearn.storage import manifests
+from echolearn.storage.advice import is_command
 from echolearn.storage.tables import check_plain, nullable
 
 SCHEMA = 3
@@ -45,7 +45,7 @@ def check_argument(name: str, value: Any) -> None:
 def check_command(name: str, value: Any) -> None:
     """Raise `BadValue` unless a text is one command line of echolearn."""
     allowed = "must be one command line of echolearn, quoted"
-    check(manifests.is_command(value), name, f"{value!a:.100}", allowed=allowed)
+    check(is_command(value), name, f"{value!a:.100}", allowed=allowed)
 
 
 def check_microphones(name: str, value: Any) -> None:

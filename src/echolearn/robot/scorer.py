@@ -33,6 +33,7 @@ from echolearn.robot.compatibility import mount_angle
 from echolearn.robot.examination import examine
 from echolearn.robot.model import replay
 from echolearn.storage import manifests
+from echolearn.storage.advice import repair_hint
 from echolearn.storage.files import MEND
 
 BLOCK = 4096
@@ -175,7 +176,7 @@ def verify_bundle(path: Path) -> str:
     except BadValue as error:
         mend = "export it again"
         with suppress(BadValue):
-            mend = manifests.repair_hint(manifests.load_manifest(path, largest=manifests.FOREIGN))
+            mend = repair_hint(manifests.load_manifest(path, largest=manifests.FOREIGN), path)
         reason = str(error).removesuffix(f"; {MEND}")
         raise BadValue(f"{reason}; {mend}, or copy it again") from None
     parity = about["parity"]

@@ -15,7 +15,6 @@ The same input gives the same bytes: nothing carries a time stamp. How a file is
 
 import hashlib
 import json
-import shlex
 from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 
 from echolearn.checks import BadValue, check
 from echolearn.storage import known
+from echolearn.storage.advice import repair_hint
 from echolearn.storage.files import (
     MEND,
     check_file,
@@ -186,7 +186,7 @@ def verify(folder: Path) -> dict[str, Any]:
         BadValue: names the first file that is missing or damaged, and the command that mends it.
     """
     manifest = load_manifest(folder)
-    mend = repair_hint(manifest)
+    mend = repair_hint(manifest, Path(folder))
     for name, entry in manifest["files"].items():
         path = Path(folder) / name
         check_file(path, size=entry["bytes"], expected=entry["sha256"], mend=mend)
@@ -196,32 +196,6 @@ def verify(folder: Path) -> dict[str, Any]:
 def command_entry(command: str | None) -> dict[str, str]:
     """Return what a manifest says about the command that made it: nothing if there was none."""
     return {} if command is None else {"command": command}
-
-
-def repair_hint(manifest: Mapping[str, Any]) -> str:
-    """Return how to mend a damaged file: by the manifest's command, if it was made here."""
-    command = own_command(manifest)
-    return f"run again: {command}" if command else MEND
-
-
-def own_command(manifest: Mapping[str, Any]) -> str:
-    """Return the command in a manifest that was made here, or nothing.
-
-    That of a stranger, which could do whatever a command line can, is never repeated.
-    """
-    command = manifest.get("command")
-    own = known.is_known(str(manifest.get("sha256")), known.MADE)
-    return str(command) if own and is_command(command) else ""
-
-
-def is_command(text: object) -> bool:
-    """Tell whether a text is one command line of echolearn and nothing else, quoted for a shell."""
-    if not isinstance(text, str) or not text.startswith("echolearn ") or not text.isprintable():
-        return False
-    try:
-        return shlex.join(shlex.split(text)) == text
-    except ValueError:
-        return False
 
 
 def shard_name(index: int) -> str:

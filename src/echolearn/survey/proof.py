@@ -9,6 +9,7 @@ from pathlib import Path
 
 from echolearn.checks import BadValue, check
 from echolearn.storage import manifests
+from echolearn.storage.advice import repair_hint
 from echolearn.storage.files import check_file
 from echolearn.survey.audio import LARGEST
 from echolearn.survey.description import LARGEST_YAML
@@ -70,7 +71,7 @@ def prove_manifest(folder: Path) -> frozenset[str]:
     entries = manifest["files"]
     check("survey.yaml" in entries, f"{folder / 'survey.yaml'}", "unknown", allowed=NAMED)
 
-    mend = f"{CHANGED}; else {manifests.repair_hint(manifest)}"
+    mend = f"{CHANGED}; else {repair_hint(manifest, folder)}"
     for name, entry in entries.items():
         size = entry["bytes"]
         # Limited before it is hashed, which would take for ever with a terabyte.

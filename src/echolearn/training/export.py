@@ -7,6 +7,7 @@ robot does.
 """
 
 from collections.abc import Mapping
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from echolearn.checks import BadValue, check, check_name, check_whole
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.robot import bundle, schema, scorer
 from echolearn.storage import manifests
+from echolearn.storage.advice import assignment, command_line, repair_hint
 from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.once import locked
 from echolearn.training.bundle_contents import bundle_description, bundle_files, map_figures
@@ -108,14 +110,20 @@ def run_chosen_by(comparison: Path) -> Run:
     folder = comparison.resolve()
     manifest = manifests.verify(folder)
     check(manifest.get("kind") == "comparison", "best", folder, allowed=COMPARISON)
-    again = "made by echolearn 0.1: run echolearn compare again"
-    check("chosen" in manifest, "best", folder, allowed=COMPARISON, hint=again)
+    again = repair_hint(manifest, folder)
+    check(
+        "chosen" in manifest,
+        "best",
+        folder,
+        allowed=COMPARISON,
+        hint=f"made by echolearn 0.1; {again}",
+    )
 
     # A run that was trained again since may be a worse one than the comparison has seen.
     found = open_run(folder.parents[1] / "train" / manifest["chosen"])
     same = found.metrics["model"]["sha256"] == manifest["inputs"]["runs"][found.identity]
     allowed = "must be a comparison of the runs that are there"
-    check(same, "best", folder, allowed=allowed, hint="run echolearn compare again")
+    check(same, "best", folder, allowed=allowed, hint=again)
     return found
 
 
@@ -126,14 +134,12 @@ def set_of(run: Run) -> Dataset:
         BadValue: it is not there.
     """
     place = run.folder.parents[1] / "data"
-    for manifest in sorted(place.glob(f"{run.model.trained_on}-*/{manifests.MANIFEST}")):
+    for manifest in sorted(place.glob(f"{escape(run.model.trained_on)}-*/{manifests.MANIFEST}")):
         dataset = Dataset(manifest.parent)
         if dataset.digest == run.data_digest:
             return dataset
-    raise BadValue(
-        f"run={run.folder}: its set must be under {place}; "
-        f"make it: echolearn generate plan={run.model.trained_on}"
-    )
+    make = command_line("generate", assignment("plan", run.model.trained_on), runs=place.parent)
+    raise BadValue(f"run={run.folder}: its set must be under {place}; make it: {make}")
 
 
 def check_free(folder: Path, run: Run) -> None:
