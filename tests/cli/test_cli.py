@@ -130,7 +130,8 @@ MISTAKES = """
 1 | generate plan.room.t60=0.2 | room.t60=0.2 s: must be over 0.206 s
 1 | generate plan.margin=0.1 | pose.position=(0.1, 0.1, 0.1) m: the array of radius 0.2 m must be
 1 | generate scene._target_=os.system | scene._target_=os.system: must be a class like echolearn.simu
-1 | train plan=tiny | must be a set that exists under runs/data; run: echolearn generate plan=tiny
+1 | train plan=tiny | must be a set that exists under runs/data; run: echolearn generate plan=tiny$
+1 | train plan=tiny seed=3 plan.seed=5 rir=pyroom | run: echolearn generate plan=tiny plan.seed=5 rir=
 2 | train -m plan=glob(zz*) | error: plan=glob(zz*): matches nothing; known are offgrid_10x8x6,
 2 | train -m seed=glob(*) | error: seed=glob(*): matches nothing$
 2 | train -m seed=range(0) | error: seed=range(0): matches nothing$
@@ -157,13 +158,13 @@ MISTAKES = """
 2 | map runs=null | error: runs=null: runs cannot be null
 2 | map resampel=1 | error: resampel=1: there is no key resampel; did you mean resample
 2 | map survey | error: survey: cannot be read; it is no key=value
-2 | map survey=[a | cannot be read; are quotes or brackets missing?$
-2 | map survey={a | cannot be read; are quotes or brackets missing?$
-2 | map survey=a"b | cannot be read; are quotes or brackets missing?$
+2 | map survey=[a | survey=[a: cannot be read; quote it twice: "survey='[a'"$
+2 | map survey='a | cannot be read; are quotes or brackets missing?$
+2 | map survey=a,b | several values need -m, or is it one name? Then quote it twice: "survey='a,b'"$
 2 | map ' | cannot be read; it is no key=value$
-1 | map runs=[a] | error: runs=['a']: must be a path; quote it twice
-1 | map bundle={a:1} | error: bundle={'a': 1}: must be a path
-1 | map name=[a] | error: name=['a']: must be a name
+1 | map runs=[a] | error: runs=[a]: must be a path; quote it twice: "runs='[a]'"$
+1 | map bundle={a:1} | error: bundle={a:1}: must be a path
+1 | map name=[a] | error: name=[a]: must be a name
 1 | survey rir.order=3 | error: scene.rir.order=3: there is no such key; it has none$
 1 | survey room.size=[8,6] | room.size=[8, 6]: must be three lengths in m
 1 | compare | runs=runs: must be a folder with trained runs

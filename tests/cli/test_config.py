@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Room
@@ -15,6 +17,7 @@ from echolearn.cli.config import UsageError, build, folder
 from echolearn.cli.targets import KINDS
 from echolearn.cli.words import plain_config
 from echolearn.storage import identity
+from echolearn.storage.advice import assignment
 
 ROOM = {"_target_": "echolearn.acoustics.types.Room", "size": [5.0, 4.0, 3.0], "t60": 0.4}
 
@@ -338,11 +341,47 @@ def test_swept_names_are_what_was_typed_and_so_are_names_of_plans() -> None:
     assert jobs[2][1]["command"] == "echolearn generate plan.name=007 plan.seed=1"
 
 
-@pytest.mark.parametrize("path", ["s/küche", "s/x'y", "s/a=b", "s/(a)", "~/x", "a;b", "a#b"])
-def test_paths_that_hydra_cannot_read_are_quoted_twice(path: str) -> None:
-    with pytest.raises(UsageError) as refused:
-        compose("map", [f"survey={path}"])
-    said, _, advice = str(refused.value).partition("; quote it twice: ")
-    assert said == f"survey={path}: cannot be read"
-    assert one("map", *shlex.split(advice))["survey"] == path
-    assert without_hydra("map", f"survey={path}")["survey"] == path
+NAMES = """
+s/küche|s/x'y|s/a=b|s/(a)|~/x|a;b|a#b|room (1)|room(1)|room[1]|[room]|{a}|(a)|glob(x)|range(3)|a,b
+a, b|x {1}|a"b|it's|a\\'b|a\\|a$b|a`b|!a|a & b|日本 😀|a:b|50%|a*|a?|ä=(1), [2]|null|a${b}|${a}|<a>
+"""
+
+
+def advised(path: str) -> str:
+    """Return how a path is to be written, by the refusal if it is refused as it stands."""
+    try:
+        if "${" not in path:  # which is another key's value
+            assert one("map", f"survey={path}")["survey"] in (path, None)
+        return assignment("survey", path)
+    except (UsageError, BadValue) as refused:
+        said, _, advice = str(refused).partition("quote it twice: ")
+        assert said.startswith(f"survey={path}: ")
+        [word] = shlex.split(advice)
+        return word
+
+
+@pytest.mark.parametrize("path", NAMES.strip().replace("\n", "|").split("|"))
+def test_what_hydra_reads_otherwise_is_quoted_twice(path: str) -> None:
+    """And what it takes may be quoted, too; a robot without it reads both."""
+    word = advised(path)
+    assert one("map", word)["survey"] == path
+    [(_, swept)] = compose("map", [word], many=True)
+    assert swept["survey"] == path
+    assert without_hydra("map", word)["survey"] == path
+    if path != "null":
+        assert without_hydra("map", f"survey={path}")["survey"] == path
+
+
+@given(st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1))
+@settings(max_examples=150, deadline=None)
+def test_any_name_that_is_quoted_is_read_as_it_is(name: str) -> None:
+    word = assignment("name", name)
+    assert one("map", word)["name"] == without_hydra("map", word)["name"] == name
+
+
+def test_names_in_lists_and_among_quoted_ones_are_what_was_typed() -> None:
+    found = one("compare", "surveys=[2024_01_15, 007,'a, (b)',1e3,null]", "tested=[1_000]")
+    assert found["surveys"] == ["2024_01_15", "007", "a, (b)", "1e3", "null"]
+    assert found["tested"] == ["1_000"]
+    swept = compose("map", ["survey='a (1)',007,'b, c'"], many=True)
+    assert [config["survey"] for _, config in swept] == ["a (1)", "007", "b, c"]

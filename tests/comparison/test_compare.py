@@ -266,14 +266,14 @@ BAD: tuple[tuple[dict[str, Any], str], ...] = (
     (
         {"tested": ["grid", "paper"]},
         "tested=paper: must be the name of exactly one finished set; "
-        "run `echolearn generate plan=paper`",
+        "run: echolearn generate plan=paper",
     ),
     ({"tested": []}, "tested=[]: must name at least one labelled set"),
     ({"tested": ["grid", "grid"]}, "tested=grid, grid: must hold each name only once"),
     (
         {"surveys": ["barn_0dB"]},
         "surveys=barn_0dB: must be the name of a finished survey; "
-        "run `echolearn survey` for its room and snr_db",
+        "run: echolearn survey room=barn snr_db=0",
     ),
     ({"surveys": ["a", "a"]}, "surveys=a, a: must hold each name only once"),
     ({"localizers": {}}, "localizers={}: must hold at least one, to localize the surveys"),
@@ -341,7 +341,7 @@ def test_a_set_of_another_version_is_passed_over(world: World, tmp_path: Path) -
     manifest = manifests.load_manifest(old)
     plan = {key: value for key, value in manifest["plan"].items() if key != "role"}
     manifests.finish(old, manifest | {"format": 1, "plan": plan}, manifest["files"])
-    with pytest.raises(BadValue, match=r"another version of echolearn; run `echolearn generate"):
+    with pytest.raises(BadValue, match=r"another version of echolearn; run: echolearn generate"):
         find_set(tmp_path, "grid")
     shutil.copytree(world.sets["grid"].folder, new)
     assert find_set(tmp_path, "grid") == new
@@ -358,7 +358,7 @@ def test_a_set_is_found_by_its_whole_name(world: World, tmp_path: Path) -> None:
     with pytest.raises(BadValue, match="tested=planar"):
         find_set(tmp_path, "planar")
     (tmp_path / "data" / "grid-0123456789ab" / "manifest.json").unlink()
-    with pytest.raises(BadValue, match="run `echolearn generate plan=grid`"):
+    with pytest.raises(BadValue, match="run: echolearn generate plan=grid"):
         find_set(tmp_path, "grid")
 
 

@@ -90,8 +90,11 @@ def test_few_long_recordings_are_held_together(walk: Path, tmp_path: Path) -> No
     padded = np.pad(read.probe.samples, (0, long - len(read.probe.samples)))
     (folder / "probe.wav").write_bytes(audio.wav_bytes(padded, read.probe.sample_rate))
     samples = np.random.default_rng(0).standard_normal((6, long))
-    (folder / read.files[0]).write_bytes(audio.wav_bytes(samples, read.probe.sample_rate))
-    (folder / "poses.csv").write_bytes(poses_csv(read.poses[:5], read.files[:1] * 5))
+    (folder / "long.wav").write_bytes(audio.wav_bytes(samples, read.probe.sample_rate))
+    files = [f"{pose}.wav" for pose in range(5)]
+    for name in files:
+        (folder / name).hardlink_to(folder / "long.wav")
+    (folder / "poses.csv").write_bytes(poses_csv(read.poses[:5], files))
     localizer = Counted()
     assert len(localize_survey(folder, localizer, name="snls", resamples=2).points) == 5
     assert localizer.given == [2, 2, 1]

@@ -391,7 +391,7 @@ OLD = {"_target_": "echolearn.plans.GridPlan", "name": "tiny"}
         (
             {"kind": "set", "format": 1, "rows": 0, "plan": OLD, "command": COMMAND},
             "set={}: made by echolearn 0.1, whose sets this version cannot read; "
-            f"make it again: {COMMAND}",
+            f"run again: {COMMAND}",
         ),
     ],
 )

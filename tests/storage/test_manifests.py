@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from echolearn.checks import BadValue
 from echolearn.storage import files, manifests
+from echolearn.storage.advice import repair_hint
 
 ABOUT = {"rows": 10, "command": "echolearn generate plan=tiny"}
 

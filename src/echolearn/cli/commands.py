@@ -6,6 +6,7 @@ A command receives plain containers, as `compose.compose` returns them; its docs
 `echolearn --help` says. Libraries are imported inside, so that asking for help stays fast.
 """
 
+import re
 import shlex
 from collections.abc import Callable
 from functools import cache, partial
@@ -194,9 +195,21 @@ def _open_set(config: "Config") -> "Dataset":
 
     place = folder_of(**_built(config, "plan"), runs=Path(config["runs"]))
     allowed = f"must be a set that exists under {place.parent}"
-    hint = f"run: echolearn generate plan={config['choice']['plan']}"
+    hint = f"run: {_generating(config)}"
     check(place.is_dir(), "plan", place.name, allowed=allowed, hint=hint)
     return _opened(place.resolve())
+
+
+def _generating(config: "Config") -> str:
+    """Return the command line that makes the set on which a job trains: its words about the set."""
+    from echolearn.cli.config import folder
+
+    known = (folder() / "generate.yaml").read_text()
+    words = shlex.split(config["command"])[2:]
+    keys = [re.split(r"[.@=]", word)[0] for word in words]
+    found = [re.search(rf"(?m)^(  - )?{re.escape(key)}:", known) for key in keys]
+    own = [word for word, there in zip(words, found, strict=True) if there]
+    return shlex.join(["echolearn", "generate", *own])
 
 
 @cache

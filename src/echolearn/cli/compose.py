@@ -108,7 +108,7 @@ def _spread(override: "Override", *, many: bool) -> list[str]:
         raise UsageError(f"{word}: several values need -m, {hint}")
 
     key, _, typed = word.partition("=")
-    if override.is_choice_sweep() and override.value().simple_form:  # type: ignore[union-attr]
+    if getattr(override.value(), "simple_form", False):
         # As they were typed: Hydra would make 7 of 007.
         values = split(typed)
     else:

@@ -187,11 +187,12 @@ def composed(command: str, sweeps: Sequence[Sequence[str]], options: Namespace) 
         options: those of the command line.
 
     Raises:
-        UsageError: a slip in an override, or a folder without a name, which would be the current
-            one.
+        UsageError: a slip in an override, two jobs of one name, or a folder without a name, which
+            would be the current one.
     """
     from echolearn.cli.compose import compose
     from echolearn.cli.config import UsageError
+    from echolearn.cli.names import distinct
 
     jobs: list[Job] = []
     for sweep in sweeps:
@@ -200,7 +201,7 @@ def composed(command: str, sweeps: Sequence[Sequence[str]], options: Namespace) 
         if not config["runs"].strip():
             hint = "the current one is runs=."
             raise UsageError(f"runs={config['runs']}: must be the name of a folder; {hint}")
-    return jobs
+    return jobs if options.cfg else distinct(command, jobs)
 
 
 def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:

@@ -26,8 +26,9 @@ PLACES = {
     "study": "study",
     "export": "bundles",
     "map": "maps",
+    "bench": "bench",
 }
-"""Folders under `runs` in which commands make theirs."""
+"""Folders under `runs` in which commands make theirs; `bench` writes there itself."""
 
 PATHS = ("survey", "bundle", "run", "best", "readme", "page", "diffuse.source.path")
 """Keys of files and folders besides `runs`."""
@@ -106,9 +107,10 @@ def anywhere(command: str, folder: Path) -> str:
     """
     program, name, *words = shlex.split(command)
     place = Path(os.path.abspath(folder))
-    if place.parent.name != PLACES.get(name):
+    kind = place if name == "bench" else place.parent
+    if kind.name != PLACES.get(name):
         return command
-    runs = place.parents[1]
+    runs = kind.parent
     typed = {word.partition("=")[0]: text_of(word.partition("=")[2]) for word in words}
     base = _typed_in(runs, typed.get("runs", "runs"))
     if base == Path.cwd():

@@ -52,8 +52,8 @@ def check_walk(name: str, rows: Sequence[Mapping[str, Any]]) -> None:
 def in_degrees(headings: Array, moves: Array) -> bool:
     """Tell whether the headings of a walk are in degrees rather than in rad.
 
-    Within a turn nothing tells them apart. Beyond it degrees jump, or are typed whole, or turn as the
-    walk does, which rad of that size do not.
+    Within a turn nothing tells them apart. Beyond it degrees jump, or are typed whole, or turn as
+    the walk does, which rad of that size do not.
 
     Args:
         headings: shape (P,), in the order of the walk.

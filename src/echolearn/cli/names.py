@@ -1,0 +1,120 @@
+"""Names of the folders of a multirun: no two jobs write one.
+
+    jobs --default names--> those that meet --what differs between them--> names of their own
+
+A name that was given holds. Walks and maps whose usual names meet are named after what the sweep
+varies besides: `walk-best-resolution_0.02`. Other commands, whose tables and bundles have a name to
+be known by, leave that to whoever types: two jobs of one name are refused before the first.
+"""
+
+import re
+import shlex
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from echolearn.checks import LONGEST_NAME
+from echolearn.cli.config import UsageError
+from echolearn.storage.advice import PLACES, assignment, shell, text_of
+from echolearn.storage.identity import digest
+
+Job = tuple[str, dict[str, Any]]
+
+BY_CONTENT = ("generate", "train")
+"""Commands that name their folders after all that goes into them."""
+
+BY_SWEEP = ("map", "survey")
+"""Commands that name theirs after what a sweep varies, where usual names meet."""
+
+
+def usual_name(command: str, config: Mapping[str, Any]) -> str:
+    """Return the name of the folder that a job makes unless it is given another."""
+    if config.get("name") is not None:
+        return str(config["name"])
+    sources = ("survey", "bundle") if command == "map" else ("run", "best")
+    return "-".join(Path(config[key]).resolve().name for key in sources if config.get(key))
+
+
+def distinct(command: str, jobs: Sequence[Job]) -> list[Job]:
+    """Return jobs whose folders are all different, named after what differs where that is needed.
+
+    Args:
+        command: what they do.
+        jobs: what was swept and configuration of each.
+
+    Raises:
+        UsageError: two jobs of one name.
+    """
+    if command in BY_CONTENT or len(jobs) == 1:
+        return list(jobs)
+    meeting = defaultdict(list)
+    for job in jobs:
+        meeting[_folder(command, job[1])].append(job)
+    named = {}
+    for group in meeting.values():
+        shared = set.intersection(*(set(_words(job)) for job in group))
+        for job in group:
+            given = any(word.startswith("name=") for word in _words(job))
+            alone = len(group) == 1 or given or command not in BY_SWEEP
+            named[id(job)] = job if alone else _named(command, job, shared=shared)
+    found = [named[id(job)] for job in jobs]
+    _check_apart(command, found)
+    return found
+
+
+def _folder(command: str, config: Mapping[str, Any]) -> Path:
+    """Return the folder that a job writes."""
+    place = Path(config["runs"]).resolve() / PLACES[command]
+    return place if command == "bench" else place / usual_name(command, config)
+
+
+def _words(job: Job) -> list[str]:
+    return shlex.split(job[1]["command"])[2:]
+
+
+def _named(command: str, job: Job, *, shared: set[str]) -> Job:
+    """Return a job with the name of what it does not share with those of the same usual name.
+
+    Args:
+        command: what it does.
+        job: what was swept, and its configuration.
+        shared: words that all of them have.
+    """
+    swept, config = job
+    own = [word for word in _words(job) if word not in shared]
+    if not own:
+        return job
+    parts = [usual_name(command, config)]
+    for key, _, value in (word.partition("=") for word in own):
+        plain = re.sub(r"[^\w.+-]+", "-", text_of(value)).strip("-")
+        parts.append(f"{key.rpartition('.')[2]}_{plain}")
+    name = "-".join(parts)
+    if len(name.encode()) > LONGEST_NAME:
+        name = f"{parts[0]}-{digest(own)}"
+    word = shlex.quote(assignment("name", name))
+    return swept, {**config, "name": name, "command": f"{config['command']} {word}"}
+
+
+def _check_apart(command: str, jobs: Sequence[Job]) -> None:
+    """Raise `UsageError` if two jobs write one folder."""
+    seen: dict[Path, str] = {}
+    for swept, config in jobs:
+        folder = _folder(command, config)
+        if folder in seen:
+            both = " and ".join(dict.fromkeys(filter(None, (seen[folder], swept)))) or "two of them"
+            raise UsageError(
+                f"{both}: both would write {folder}; {_advice(command, folder, swept)}"
+            )
+        seen[folder] = swept
+
+
+def _advice(command: str, folder: Path, swept: str) -> str:
+    """Return how jobs that write one folder are told apart."""
+    if command in BY_SWEEP:
+        return "leave name= out, and each is named after what the sweep varies"
+    if command == "bench":
+        return f"run echolearn {command} once for each"
+    key = swept.partition("=")[0] or "<key>"
+    example = f"name='{folder.name}-${{{key}}}'"
+    return f"give each a name, as by {shell(example)}"
