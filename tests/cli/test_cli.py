@@ -129,9 +129,9 @@ MISTAKES = """
 1 | generate workers=0 | workers=0: must be a whole number from 1 to 1024
 1 | generate plan.room.t60=0.2 | room.t60=0.2 s: must be over 0.206 s
 1 | generate plan.margin=0.1 | pose.position=(0.1, 0.1, 0.1) m: the array of radius 0.2 m must be
-1 | generate scene._target_=os.system | scene._target_=os.system: must be a class like echolearn.simu
+1 | generate scene._target_=os.system | scene._target_=os.system: must be a class like echolearn.
 1 | train plan=tiny | must be a set that exists under runs/data; run: echolearn generate plan=tiny$
-1 | train plan=tiny seed=3 plan.seed=5 rir=pyroom | run: echolearn generate plan=tiny plan.seed=5 rir=
+1 | train plan=tiny seed=3 plan.seed=5 rir=pyroom | run: echolearn generate plan=tiny plan.seed=5 r
 2 | train -m plan=glob(zz*) | error: plan=glob(zz*): matches nothing; known are offgrid_10x8x6,
 2 | train -m seed=glob(*) | error: seed=glob(*): matches nothing$
 2 | train -m seed=range(0) | error: seed=range(0): matches nothing$

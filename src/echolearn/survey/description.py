@@ -41,7 +41,7 @@ CORNERS = "must be null, or 3 to 1000 distinct corners in order around an area"
 UNKNOWN = "leave it out where it is not known"
 
 
-class Loader(yaml.SafeLoader):
+class Loader(yaml.SafeLoader):  # type: ignore[misc]
     """Reads 1e3 as a number, as YAML 1.2 does; PyYAML's own would have it text."""
 
 
