@@ -1,7 +1,6 @@
 """Geometry of echoes against mirrors drawn by hand."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,10 +11,9 @@ from hypothesis import strategies as st
 import reference
 from echolearn.acoustics import geometry
 from echolearn.acoustics.geometry import SearchWindow, circular_array, direction
-from echolearn.acoustics.types import Array, MicArray, Pose, Room
-from echolearn.bench import equations
-from echolearn.checks import BadValue
+from echolearn.acoustics.types import MicArray, Pose, Room
 from reference import RATE, RING
+from refusals import refused
 
 ROOM = Room((10.0, 8.0, 6.0), 0.6)
 HERE = np.array([1.0, 2.0, 3.0])
@@ -28,38 +26,29 @@ PLACE = st.tuples(st.floats(0.3, 9.7), st.floats(0.3, 7.7), st.floats(0.3, 5.7))
 # ---------------------------------------------------------------- directions and delays
 
 
-def test_a_ring_starts_at_its_offset_and_turns_anticlockwise() -> None:
+def test_a_ring_starts_at_its_offset_and_turns_anticlockwise():
     ring = circular_array(microphones=4, radius=0.5, offset=PLANE).positions
     assert np.allclose(ring, [[0, 0.5, 0], [-0.5, 0, 0], [0, -0.5, 0], [0.5, 0, 0]], atol=1e-15)
 
 
-def test_directions_name_the_axes_ahead_left_and_up() -> None:
+def test_directions_name_the_axes_ahead_left_and_up():
     found = direction(np.array([0.0, PLANE, 1.0]), np.array([PLANE, PLANE, 0.0]))
     assert np.allclose(found, np.eye(3), atol=1e-15)
 
 
 @given(ANGLE, TILT)
-def test_delays_are_the_closed_form_of_the_ring(azimuth: float, elevation: float) -> None:
-    expected = equations.delays(RING.positions, azimuth, elevation=elevation)
-    toward = np.tile(direction(azimuth, elevation), (2, 1))
-    for found in geometry.far_field_delays(RING, toward, speed_of_sound=343.0):
-        assert np.allclose(found, expected, atol=1e-15)
-    for found in geometry.relative_delays(RING, toward, scale=1 / 343.0):
-        assert found[0] == 0.0
-        assert np.allclose(found, expected - expected[0], atol=1e-15)
-
-
-@given(ANGLE, TILT)
-def test_delays_are_those_of_a_source_far_away(azimuth: float, elevation: float) -> None:
+def test_delays_are_those_of_a_source_far_away(azimuth, elevation):
     """Microphones anywhere, the source 100 km off: the sphere is a plane to 1 um, 3e-9 s."""
     array = MicArray(np.random.default_rng(0).uniform(-0.3, 0.3, (5, 3)))
     toward = direction(azimuth, elevation)
     late = (np.linalg.norm(1e5 * toward - array.positions, axis=1) - 1e5) / 343.0
     found = geometry.far_field_delays(array, toward, speed_of_sound=343.0)
     assert np.allclose(found, late, atol=4e-9)
+    eta = geometry.relative_delays(array, np.tile(toward, (2, 1)), scale=1 / 343.0)
+    assert np.allclose(eta, late - late[0], atol=8e-9)
 
 
-def test_arrays_are_equal_by_their_positions_which_cannot_be_changed() -> None:
+def test_arrays_are_equal_by_their_positions_which_cannot_be_changed():
     assert circular_array() == RING != circular_array(radius=0.1)
     assert len({circular_array(), RING}) == 1
     with pytest.raises(ValueError, match="read-only"):
@@ -69,14 +58,14 @@ def test_arrays_are_equal_by_their_positions_which_cannot_be_changed() -> None:
 # ---------------------------------------------------------------- images and true echoes
 
 
-def test_images_of_a_point_by_hand_but_for_walls_that_do_not_reflect() -> None:
+def test_images_of_a_point_by_hand_but_for_walls_that_do_not_reflect():
     expected = [[-1, 2, 3], [19, 2, 3], [1, -2, 3], [1, 14, 3], [1, 2, -3], [1, 2, 9]]
     assert np.array_equal(geometry.first_order_images(ROOM, HERE), expected)
     planar = replace(ROOM, walls=(1.0, 0.5, 0.0, 1.0, 0.0, 0.0))
     assert np.array_equal(geometry.first_order_images(planar, HERE), np.array(expected)[[0, 1, 3]])
 
 
-def test_true_echoes_by_hand() -> None:
+def test_true_echoes_by_hand():
     """The loudspeaker 1 m from x=0, 4 m from both y walls, 3 m from floor and ceiling; microphone 1
     looks along x."""
     truth = geometry.true_echoes(ROOM, Pose(np.array([1.0, 4.0, 3.0])), array=RING)
@@ -88,9 +77,7 @@ def test_true_echoes_by_hand() -> None:
 
 
 @given(PLACE, ANGLE, st.floats(0, 2 * math.pi))
-def test_map_points_of_true_echoes_are_the_feet_of_the_walls(
-    place: Array, heading: float, offset: float
-) -> None:
+def test_map_points_of_true_echoes_are_the_feet_of_the_walls(place, heading, offset):
     """Exact, whatever the distance, the heading and the place of microphone 1: not a far-field
     approximation. So turning the robot turns the azimuths back and leaves the map."""
     array = circular_array(offset=offset)
@@ -107,29 +94,24 @@ def test_map_points_of_true_echoes_are_the_feet_of_the_walls(
     assert np.allclose(points, [[0, y], [10, y], [x, 0], [x, 8], [x, y], [x, y]], atol=1e-9)
 
 
-def toa_of_wall(distance: float, azimuth: float) -> float:
+def toa_of_wall(distance, azimuth):
     image = 2 * distance * direction(azimuth, PLANE)
     return float(np.linalg.norm(image - RING.positions[0])) / 343.0
 
 
 @given(st.floats(1.0, 50.0), ANGLE)
-def test_the_far_field_form_is_its_limit_and_the_authors_is_not(
-    distance: float, azimuth: float
-) -> None:
+def test_the_far_field_form_is_its_limit_and_the_authors_is_not(distance, azimuth):
     along = 0.2 * math.cos(azimuth)
     toa = toa_of_wall(distance, azimuth)
     exact = geometry.wall_distance(np.array(toa), direction(azimuth, PLANE), array=RING)
     assert exact == pytest.approx(distance)
     assert abs((343.0 * toa + along) / 2 - exact) < 0.0051 / distance
     assert abs(343.0 * toa / 2 + along - exact) > abs(along) / 2 - 0.0051
+    impossible = geometry.wall_distance(np.zeros(1), direction(azimuth, PLANE), array=RING)
+    assert np.isfinite(impossible).all()
 
 
-def test_wall_distance_of_an_impossible_echo_is_finite() -> None:
-    toward = direction(np.linspace(-3, 3, 8), PLANE)
-    assert np.isfinite(geometry.wall_distance(np.zeros(8), toward, array=RING)).all()
-
-
-def test_the_outline_runs_anticlockwise_and_distances_to_it_are_those_by_hand() -> None:
+def test_the_outline_runs_anticlockwise_and_distances_to_it_are_those_by_hand():
     corners = geometry.outline(ROOM)
     x, y = corners.T
     assert 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) == 80.0
@@ -143,7 +125,7 @@ def test_the_outline_runs_anticlockwise_and_distances_to_it_are_those_by_hand() 
 # ---------------------------------------------------------------- search window
 
 
-def test_windows_by_hand() -> None:
+def test_windows_by_hand():
     """A ring of 0.25 m: 1.75 m and 4.25 m of path at 64.286 samples per metre, 112.5 and 273.2. The
     authors' window clips a far wall behind microphone 1."""
     assert SearchWindow().lags(circular_array(radius=0.25), RATE) == (112, 274)
@@ -152,7 +134,7 @@ def test_windows_by_hand() -> None:
 
 
 @given(st.floats(1.0, 2.0), ANGLE)
-def test_the_general_window_holds_every_wall_in_range(distance: float, azimuth: float) -> None:
+def test_the_general_window_holds_every_wall_in_range(distance, azimuth):
     first, last = SearchWindow().lags(RING, RATE)
     assert first <= toa_of_wall(distance, azimuth) * RATE <= last
 
@@ -160,7 +142,7 @@ def test_the_general_window_holds_every_wall_in_range(distance: float, azimuth: 
 # ---------------------------------------------------------------- rooms, and what is refused
 
 
-def inside(x: float, y: float, z: float) -> None:
+def inside(x, y, z):
     geometry.check_inside(ROOM, Pose(np.array([x, y, z])), array=RING)
 
 
@@ -186,20 +168,12 @@ def inside(x: float, y: float, z: float) -> None:
         (lambda: Room((10.0, 8.0, 6.0), 0.6, (1.0,) * 5 + (1.5,)), "room.walls=1.5"),
     ],
 )
-def test_bad_values_are_refused_in_one_line(make: Callable[[], object], message: str) -> None:
-    with pytest.raises(BadValue) as refused:
+def test_bad_values_are_refused_in_one_line(make, message):
+    with refused(message):
         make()
-    assert str(refused.value).startswith(message)
-    assert "\n" not in str(refused.value)
 
 
-@given(PLACE)
-def test_a_place_is_inside_when_every_microphone_is(place: Array) -> None:
-    """All places drawn here keep 0.3 m from the walls, more than the ring's 0.2 m."""
-    inside(*place)
-
-
-def test_sabine_by_hand() -> None:
+def test_sabine_by_hand():
     """10 x 8 x 6 m: V = 480, S = 376; a = 55.262 V / (c S T60) = 0.34281, reflection sqrt(1 - a) =
     0.81067. The paper's short reverberation is possible in its study room only."""
     assert ROOM.sabine_absorption() == pytest.approx(0.34281, abs=2e-5)

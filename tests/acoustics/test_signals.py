@@ -1,11 +1,7 @@
 """Signals against the sums that define them."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import hann
 
@@ -14,13 +10,13 @@ from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.streams import KEYS, stream
 from echolearn.acoustics.types import Probe
 from echolearn.bench import equations
-from echolearn.checks import BadValue
+from refusals import refused
 
 SHORT = noise_probe(burst=50, length=300)
 WINDOWS = pytest.mark.parametrize(("first", "last"), [(0, 0), (7, 120), (240, 299), (100, 400)])
 
 
-def test_the_probe_is_white_gaussian_always_the_same_and_exact_in_single_precision() -> None:
+def test_the_probe_is_white_gaussian_always_the_same_and_exact_in_single_precision():
     samples = noise_probe().samples
     assert samples.shape == (1500,)
     assert abs(samples.mean()) < 4 / np.sqrt(1500)
@@ -33,7 +29,7 @@ def test_the_probe_is_white_gaussian_always_the_same_and_exact_in_single_precisi
 
 
 @WINDOWS
-def test_correlation_and_energy_are_their_loops(first: int, last: int) -> None:
+def test_correlation_and_energy_are_their_loops(first, last):
     """Samples beyond the recording count as zero."""
     recording = np.random.default_rng(1).standard_normal((2, 3, 300))
     found = signals.matched_filter(recording, SHORT, first=first, last=last)
@@ -46,22 +42,14 @@ def test_correlation_and_energy_are_their_loops(first: int, last: int) -> None:
         assert np.allclose(energy[row], np.sum(np.square(under), axis=-1))
 
 
-@given(st.integers(10, 200))
-def test_a_probe_delayed_by_k_samples_peaks_at_lag_k(delay: int) -> None:
-    recording = np.roll(equations.padded(SHORT.samples, 300), delay)
-    found = signals.matched_filter(recording[None], SHORT, first=10, last=200)[0]
-    assert 10 + found.argmax() == delay
-    assert found.max() == pytest.approx(SHORT.energy)
-
-
-def test_energy_stays_that_of_a_quiet_part_after_a_loud_one() -> None:
+def test_energy_stays_that_of_a_quiet_part_after_a_loud_one():
     """A running sum must not lose the quiet part to rounding."""
     recording = np.repeat([[1e3, 1e-3]], 150, axis=-1)
     found = signals.energy_under_probe(recording, SHORT, first=100, last=240)
     assert found[0, -1] == pytest.approx(50 * 1e-6, rel=0.01)
 
 
-def test_frames_are_scipys_and_keep_single_precision() -> None:
+def test_frames_are_scipys_and_keep_single_precision():
     recording = np.random.default_rng(3).standard_normal((2, 6, 5000))
     found = signals.stft(recording)
     peer = ShortTimeFFT(hann(882, sym=False), hop=441, fs=1.0, phase_shift=None)
@@ -72,7 +60,7 @@ def test_frames_are_scipys_and_keep_single_precision() -> None:
 
 
 @pytest.mark.parametrize("length", [20, 50, 129, 200])
-def test_convolution_is_numpys_cut_or_filled_up(length: int) -> None:
+def test_convolution_is_numpys_cut_or_filled_up(length):
     rng = np.random.default_rng(4)
     burst, responses = rng.standard_normal(30), rng.standard_normal((2, 3, 100))
     found = signals.convolve(burst, responses, length=length)
@@ -82,7 +70,7 @@ def test_convolution_is_numpys_cut_or_filled_up(length: int) -> None:
         assert np.allclose(found[row], full[:length])
 
 
-def test_powers_and_decibels_by_hand() -> None:
+def test_powers_and_decibels_by_hand():
     """Two equal noises cost 3 dB, one 20 dB below the other 0.04 dB, one that is absent nothing."""
     assert np.allclose(signals.power(np.sin(2 * np.pi * np.arange(1000) / 50)[None]), 0.5)
     decibel = signals.decibel(np.array([1.0, 100.0, 0.5, 0.0]))
@@ -94,7 +82,7 @@ def test_powers_and_decibels_by_hand() -> None:
     assert signals.joint_db(None) == np.inf
 
 
-def test_streams_of_different_purposes_are_different_and_those_of_observations_numpys() -> None:
+def test_streams_of_different_purposes_are_different_and_those_of_observations_numpys():
     draws = {purpose: stream(3, purpose, 5).standard_normal() for purpose in KEYS}
     assert len(set(draws.values())) == len(KEYS)
     sequence = np.random.SeedSequence(3, spawn_key=(5,))
@@ -117,8 +105,6 @@ def test_streams_of_different_purposes_are_different_and_those_of_observations_n
         (lambda: signals.noise_psd(np.ones(5000, complex)), "noise.recording=dtype complex128"),
     ],
 )
-def test_bad_probes_are_refused_in_one_line(make: Callable[[], object], message: str) -> None:
-    with pytest.raises(BadValue) as refused:
+def test_bad_probes_are_refused_in_one_line(make, message):
+    with refused(message):
         make()
-    assert str(refused.value).startswith(message)
-    assert "\n" not in str(refused.value)

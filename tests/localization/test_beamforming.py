@@ -8,54 +8,45 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import reference
-from echolearn.acoustics import signals
-from echolearn.acoustics.geometry import circular_array
-from echolearn.acoustics.types import Array, MicArray, Observation, Probe
+from echolearn.acoustics.types import Observation, Probe
 from echolearn.bench import equations
 from echolearn.localization import beamforming
-from reference import RATE, RING, loops, turn
+from reference import RATE, RING, loops
 
-GRID = beamforming.azimuth_grid(60)
 SIZE = st.integers(1, 8)
 SEED = st.integers(0, 2**32)
 
 
-def hermitian(rng: np.random.Generator, *shape: int, size: int = 6) -> Array:
+def hermitian(rng, *shape, size=6):
     """Draw positive definite Hermitian matrices of shape (*shape, size, size)."""
     real, imaginary = rng.standard_normal((2, *shape, size, 3 * size))
     factor = real + 1j * imaginary
     return factor @ factor.conj().mT / (6 * size)
 
 
-def weights(array: MicArray = RING) -> Array:
+def weights(array=RING):
     """Return the packed steering of the paper's STFT."""
     return beamforming.steering_weights(
         array, azimuths=60, elevations=1, sample_rate=RATE, speed_of_sound=343.0
     )
 
 
-def delay_and_sum_power(covariances: Array) -> Array:
+def delay_and_sum_power(covariances):
     """Return d^H R d / M^2 summed over bins, shape (B, A)."""
     return np.sum(beamforming.quadratic(covariances, weights()), axis=0) / 36
 
 
-def noise_wave(azimuth: float, *, length: int = 8000) -> Array:
+def noise_wave(azimuth, *, length=8000):
     """Return a plane wave of white noise at the microphones, shape (M, N)."""
     source = np.random.default_rng(0).standard_normal(length)
     return reference.plane_wave(source, RING.positions, azimuth, rate=RATE)
 
 
-def test_grids_by_hand() -> None:
+def test_grids_by_hand():
     assert np.allclose(beamforming.azimuth_grid(4), [-np.pi, -np.pi / 2, 0, np.pi / 2])
     azimuth, elevation = beamforming.direction_grid(4, 3)
     assert np.allclose(azimuth, np.tile(beamforming.azimuth_grid(4), 3))
     assert np.allclose(elevation, np.repeat([np.pi / 2, np.pi / 3, np.pi / 6], 4))
-
-
-def test_steering_weights_are_made_once_for_each_array() -> None:
-    assert weights() is weights(circular_array())
-    assert weights().shape == (442, 36, 60)
-    assert not np.array_equal(weights()[100], weights(circular_array(radius=0.1))[100])
 
 
 # ---------------------------------------------------------------- matrices
@@ -63,7 +54,7 @@ def test_steering_weights_are_made_once_for_each_array() -> None:
 
 @given(SIZE, SEED)
 @settings(max_examples=30)
-def test_packing_holds_the_quadratic_form(size: int, seed: int) -> None:
+def test_packing_holds_the_quadratic_form(size, seed):
     rng = np.random.default_rng(seed)
     matrix = hermitian(rng, size=size)
     vector = rng.standard_normal(size) + 1j * rng.standard_normal(size)
@@ -73,60 +64,32 @@ def test_packing_holds_the_quadratic_form(size: int, seed: int) -> None:
     assert packed @ beamforming.pack_steering(vector) == pytest.approx(expected)
 
 
-def test_a_packed_matrix_by_hand() -> None:
+def test_a_packed_matrix_by_hand():
     matrix = np.array([[1, 2 + 3j, 4], [2 - 3j, 5, 6j], [4, -6j, 7]])
     assert np.array_equal(beamforming.pack_hermitian(matrix), [1, 5, 7, 2, 4, 0, 3, 0, 6])
 
 
 @given(SIZE, SEED)
 @settings(max_examples=30)
-def test_inverses_are_lapacks_and_the_argument_stays(size: int, seed: int) -> None:
+def test_inverses_are_lapacks_and_the_argument_stays(size, seed):
     matrices = hermitian(np.random.default_rng(seed), 3, size=size)
     before = matrices.copy()
     assert np.allclose(beamforming.invert(matrices), np.linalg.inv(before))
     assert np.array_equal(matrices, before)
 
 
-def test_inverses_in_single_precision_are_good_enough() -> None:
-    """The loading of Eq. 18 bounds the condition number by 1 + M (1 - g) / g = 55, even for one
-    plane wave."""
-    spectra = signals.stft(noise_wave(0.4).astype(np.float32)[None])
-    loaded = beamforming.regularize(beamforming.covariance(spectra), 0.1)
-    exact = np.linalg.inv(loaded.astype(complex))
-    error = np.linalg.norm(beamforming.invert(loaded) - exact, axis=(-2, -1))
-    assert loaded.dtype == np.complex64
-    assert (error / np.linalg.norm(exact, axis=(-2, -1))).max() < 1e-4
-
-
-def test_covariances_are_mean_outer_products() -> None:
-    real, imaginary = np.random.default_rng(2).standard_normal((2, 2, 4, 3, 9))
-    spectra = real + 1j * imaginary
-    found = beamforming.covariance(spectra)
-    assert found.shape == (2, 3, 4, 4)
-    for block, bin_ in np.ndindex(2, 3):
-        frames = spectra[block, :, bin_].T
-        assert np.allclose(found[block, bin_], sum(np.outer(y, y.conj()) for y in frames) / 9)
-
-
-@pytest.mark.parametrize("gamma", [0.0, 0.1, 1.0])
-def test_regularization_is_eq_18(gamma: float) -> None:
-    matrix = hermitian(np.random.default_rng(3))
-    expected = (1 - gamma) * matrix + gamma * np.trace(matrix).real / 6 * np.eye(6)
-    assert np.allclose(beamforming.regularize(matrix, gamma), expected)
-
-
 # ---------------------------------------------------------------- beam power
 
 
 @pytest.mark.parametrize("gamma", [0.0, 0.1, 1.0])
-def test_a_white_covariance_reduces_mpdr_to_delay_and_sum(gamma: float) -> None:
+def test_a_white_covariance_reduces_mpdr_to_delay_and_sum(gamma):
     white = np.broadcast_to(2.5 * np.eye(6, dtype=complex), (1, 442, 6, 6))
     power = beamforming.mpdr_power(white, weights(), gamma=gamma)
     assert np.allclose(power, 442 * 2.5 / 6, rtol=1e-5)
     assert np.allclose(power, delay_and_sum_power(white), rtol=1e-5)
 
 
-def test_mpdr_passes_at_most_what_delay_and_sum_does_and_a_constant_with_full_loading() -> None:
+def test_mpdr_passes_at_most_what_delay_and_sum_does_and_a_constant_with_full_loading():
     """Both pass the look direction undistorted and MPDR passes least of all such beamformers
     (Capon). With g = 1, R_bar = tr(R)/M I whatever R is; 1 / (d^H R_bar^-1 d) = tr(R) / M^2."""
     matrices = hermitian(np.random.default_rng(5), 3, 442)
@@ -138,16 +101,7 @@ def test_mpdr_passes_at_most_what_delay_and_sum_does_and_a_constant_with_full_lo
     assert np.allclose(loaded, constant, rtol=1e-5)
 
 
-@pytest.mark.parametrize("azimuth", [-2.5, -0.3, 0.0, 1.2, 3.0])
-def test_both_beams_point_at_a_plane_wave(azimuth: float) -> None:
-    covariances = beamforming.covariance(signals.stft(noise_wave(azimuth)[None]))
-    mpdr = beamforming.mpdr_power(covariances, weights(), gamma=0.1)
-    for power in (mpdr, delay_and_sum_power(covariances)):
-        error = turn(GRID[power[0].argmax()] - azimuth)
-        assert abs(error) <= np.pi / 60 + 1e-9
-
-
-def test_mpdr_is_the_papers_loop_with_and_without_some_microphones() -> None:
+def test_mpdr_is_the_papers_loop_with_and_without_some_microphones():
     """Microphones 2 and 5 are left out of the second recording."""
     noise = np.random.default_rng(6).standard_normal((2, 6, 3000))
     batch = Observation(noise_wave(0.7, length=3000) + noise, Probe(np.ones(9), RATE, 3000), RING)

@@ -4,7 +4,6 @@ import warnings
 from dataclasses import fields, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +12,15 @@ import yaml
 import echolearn.localization.methods
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.acoustics.types import Array, Echoes, MicArray, Observation
-from echolearn.bench import equations
-from echolearn.checks import BadValue
+from echolearn.acoustics.types import Echoes, MicArray, Observation
 from echolearn.localization.faults import SilentMicrophone
 from echolearn.localization.localize import localize
-from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.methods.gated import Gated
+from echolearn.localization.methods.peaks import Peaks
+from echolearn.localization.methods.snls import Snls
 from reference import FIRST, LAST, RATE, RING, observed, turn, wave, white
+from refusals import refused
 
 CONFIGS = sorted((Path(__file__).parents[2] / "conf" / "localizer").glob("*.yaml"))
 PROBE = signals.noise_probe(burst=400, length=6000)
@@ -29,7 +29,7 @@ LAG = 180
 FIELDS = [field.name for field in fields(Echoes)]
 
 
-def build(name: str, **changed: Any) -> Any:
+def build(name, **changed):
     """Call what a localizer's YAML names with what it says, in the default window."""
     [config] = [path for path in CONFIGS if path.stem == name]
     arguments = yaml.safe_load(config.read_text())
@@ -38,33 +38,26 @@ def build(name: str, **changed: Any) -> Any:
 
 
 NAMES = [path.stem for path in CONFIGS]
-WAYS = {f"{name}": {} for name in NAMES} | {"gated, mpdr": {"beam": "mpdr"}}
-SEVERAL = [
-    name for name in NAMES if "echoes" in yaml.safe_load(CONFIGS[NAMES.index(name)].read_text())
-]
+WAYS = {name: {} for name in NAMES} | {"gated, mpdr": {"beam": "mpdr"}}
+SEVERAL = [name for name in NAMES if "echoes" in vars(build(name))]
 
 
 @pytest.fixture(params=WAYS)
-def name(request: pytest.FixtureRequest) -> str:
-    return str(request.param).partition(",")[0]
+def localizer(request):
+    return build(request.param.partition(",")[0], **WAYS[request.param])
 
 
-@pytest.fixture
-def localizer(request: pytest.FixtureRequest, name: str) -> Localizer:
-    return build(name, **WAYS[request.node.callspec.params["name"]])
-
-
-def noisy(azimuth: float, lag: float = LAG, *, noise: float = 0.02, gain: float = 0.1) -> Array:
+def noisy(azimuth, lag=LAG, *, noise=0.02, gain=0.1):
     return wave(PROBE, azimuth, lag, gain) + white(PROBE, noise)
 
 
-def same(found: Echoes, expected: Echoes, rows: Any = slice(None), **within: float) -> bool:
+def same(found, expected, rows=slice(None), **within):
     """Tell whether echoes are those rows of others, bit by bit unless there is a tolerance."""
     equal = np.allclose if within else np.array_equal
     return all(equal(getattr(found, f), getattr(expected, f)[rows], **within) for f in FIELDS)
 
 
-def test_each_module_has_a_configuration() -> None:
+def test_each_module_has_a_configuration():
     folder = Path(echolearn.localization.methods.__path__[0])
     modules = {path.stem for path in folder.glob("[!_]*.py")}
     assert modules == {type(build(name)).__module__.rpartition(".")[2] for name in NAMES}
@@ -73,7 +66,7 @@ def test_each_module_has_a_configuration() -> None:
 # ---------------------------------------------------------------- estimates
 
 
-def test_fields_have_a_row_per_observation_and_stay_in_their_ranges(localizer: Localizer) -> None:
+def test_fields_have_a_row_per_observation_and_stay_in_their_ranges(localizer):
     silence = np.zeros((6, 6000))
     chance = [white(PROBE, 1.0, seed) for seed in range(8)]
     echoes = localizer(observed(PROBE, noisy(0.5), silence, *chance))
@@ -89,10 +82,9 @@ def test_fields_have_a_row_per_observation_and_stay_in_their_ranges(localizer: L
     assert ((echoes.elevation >= 0) & (echoes.elevation <= np.pi)).all()
     assert (echoes.power >= 0).all()
     assert echoes.gain[1, 0] == echoes.score[1, 0] == 0.0
-    assert lag[0, 0] == pytest.approx(LAG, abs=0.5)
 
 
-def test_a_batch_is_its_observations_one_by_one_and_stays_as_it_was(localizer: Localizer) -> None:
+def test_a_batch_is_its_observations_one_by_one_and_stays_as_it_was(localizer):
     batch = observed(PROBE, noisy(0.5), white(PROBE, 1.0, 1), noisy(-2.0, 130))
     before = batch.samples.copy()
     together = localizer(batch)
@@ -102,7 +94,7 @@ def test_a_batch_is_its_observations_one_by_one_and_stays_as_it_was(localizer: L
         assert same(localizer(observed(PROBE, samples)), together, [row], rtol=1e-3)
 
 
-def test_a_view_that_somebody_made_gives_the_same(localizer: Localizer) -> None:
+def test_a_view_that_somebody_made_gives_the_same(localizer):
     batch = observed(PROBE, noisy(0.5), white(PROBE, 1.0, 1))
     for azimuths in (180, 36):
         assert same(
@@ -110,19 +102,15 @@ def test_a_view_that_somebody_made_gives_the_same(localizer: Localizer) -> None:
         )
 
 
-@pytest.mark.parametrize(
-    ("azimuth", "lag"), [(-3.1, 120), (-1.3, 150), (0, 201), (0.8, 260), (2.2, 180)]
-)
-def test_time_direction_and_gain_are_those_of_the_wave(
-    localizer: Localizer, azimuth: float, lag: int
-) -> None:
-    echoes = localizer(observed(PROBE, noisy(azimuth, lag)))
-    assert echoes.toa[0, 0] * RATE == pytest.approx(lag, abs=0.5)
-    assert np.abs(turn(echoes.azimuth[0, 0] - azimuth)) < np.radians(2.0)
-    assert echoes.gain[0, 0] == pytest.approx(0.1, rel=0.06)
+def test_time_direction_and_gain_are_those_of_the_wave(localizer):
+    waves = np.array([[-3.1, 120], [-1.3, 150], [0, 201], [0.8, 260], [2.2, 180]])
+    echoes = localizer(observed(PROBE, *(noisy(*one) for one in waves)))
+    assert np.allclose(echoes.toa * RATE, waves[:, 1:], atol=0.5)
+    assert (np.abs(turn(echoes.azimuth - waves[:, :1])) < np.radians(2.0)).all()
+    assert np.allclose(echoes.gain, 0.1, rtol=0.06)
 
 
-def test_gain_changes_only_what_has_its_unit(localizer: Localizer) -> None:
+def test_gain_changes_only_what_has_its_unit(localizer):
     echoes = localizer(observed(PROBE, noisy(1.1), 8.0 * noisy(1.1)))
     assert echoes.toa[0] == echoes.toa[1]
     assert echoes.azimuth[0] == echoes.azimuth[1]
@@ -133,7 +121,7 @@ def test_gain_changes_only_what_has_its_unit(localizer: Localizer) -> None:
     assert ratio == pytest.approx(64.0, rel=1e-3) or ratio == pytest.approx(1.0, rel=1e-3)
 
 
-def test_the_score_says_how_much_is_probe(localizer: Localizer) -> None:
+def test_the_score_says_how_much_is_probe(localizer):
     """Echo and noise of equal power under the probe correlate at sqrt(1/2); a direction off by 1
     degree costs 3 %."""
     clean, even = (wave(LONG, 0.5, LAG) + white(LONG, level) for level in (1e-4, 0.1))
@@ -142,17 +130,7 @@ def test_the_score_says_how_much_is_probe(localizer: Localizer) -> None:
     assert score[1] == pytest.approx(np.sqrt(0.5), abs=0.06)
 
 
-def test_turning_the_robot_turns_the_azimuth_back(localizer: Localizer) -> None:
-    """The ring turned by one microphone records the same wave; TOA moves with microphone 1."""
-    samples = noisy(0.4)
-    echoes = localizer(observed(PROBE, samples, np.roll(samples, -1, axis=0)))
-    turned = echoes.azimuth[0, 0] - echoes.azimuth[1, 0] - np.pi / 3
-    assert turn(turned) == pytest.approx(0.0, abs=np.radians(1.0))
-    moved = equations.relative(RING.positions, 0.4, rate=RATE)[1]
-    assert np.diff(echoes.toa[:, 0])[0] * RATE == pytest.approx(moved, abs=0.51)
-
-
-def test_another_speed_of_sound_is_another_geometry(localizer: Localizer) -> None:
+def test_another_speed_of_sound_is_another_geometry(localizer):
     """Air scaled with the ring: the same recordings, the same directions."""
     usual = observed(PROBE, noisy(0.7))
     scaled = replace(usual, array=MicArray(2 * RING.positions), speed_of_sound=686.0)
@@ -162,7 +140,7 @@ def test_another_speed_of_sound_is_another_geometry(localizer: Localizer) -> Non
 
 
 @pytest.mark.parametrize("dtype", [np.int16, np.uint16, np.float16, np.float32, np.longdouble])
-def test_any_real_dtype_gives_the_same_echoes(localizer: Localizer, dtype: type) -> None:
+def test_any_real_dtype_gives_the_same_echoes(localizer, dtype):
     """Louder than the root of what an int16 holds, so that its squares would wrap around; uint16
     has an offset."""
     samples = (np.rint(8000 * noisy(0.5)) + 12_000 * (dtype is np.uint16)).astype(dtype)
@@ -174,12 +152,12 @@ def test_any_real_dtype_gives_the_same_echoes(localizer: Localizer, dtype: type)
 # ---------------------------------------------------------------- several echoes
 
 
-def pair(*echoes: tuple[float, float, float], noise: float = 0.02) -> Array:
+def pair(*echoes, noise=0.02):
     return sum((wave(PROBE, *one) for one in echoes), white(PROBE, noise))
 
 
 @pytest.mark.parametrize("kind", SEVERAL)
-def test_both_echoes_are_found_the_strongest_first(kind: str) -> None:
+def test_both_echoes_are_found_the_strongest_first(kind):
     rows = [
         pair((0.5, 180.3, 0.1), (-2.0, 221.6, 0.07)),
         pair((-1.0, 150.8, 0.05), (2.4, 170.2, 0.08)),
@@ -198,102 +176,73 @@ def test_both_echoes_are_found_the_strongest_first(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", SEVERAL)
-def test_more_echoes_than_the_window_holds_are_refused(kind: str) -> None:
-    with pytest.raises(
-        BadValue, match=r"^localizer.echoes=32: .*at most 31 fit into a window of 156"
-    ):
+def test_more_echoes_than_the_window_holds_are_refused(kind):
+    allowed = "must be a whole number from 1 to 31; at most 31 fit into a window of 156"
+    with refused(f"localizer.echoes=32: {allowed}"):
         build(kind, echoes=32)(observed(PROBE, noisy(0.5)))
 
 
 # ---------------------------------------------------------------- what is refused
 
 
-def infinite(samples: Array) -> dict[str, Any]:
-    samples[0, 4, 5999] = np.inf
-    return {}
+SOUND = noisy(0.5)
+INFINITE = np.where(np.arange(6000) == 5999, np.inf, SOUND)
+CLIPPED = np.clip(SOUND, -0.15, np.where(np.arange(6) == 2, 0.15, 9.0)[:, None])
+REFUSED = [
+    ({"samples": INFINITE[None]}, "samples=NaN or infinity: samples must be finite; is a"),
+    ({"samples": CLIPPED[None]}, "samples=microphone 3 of observation 0 clipped at 0.15: samples"),
+    ({"samples": SOUND[None, :5]}, "samples=shape (1, 5, 6000): must be (B, 6, N)"),
+    ({"samples": SOUND}, "samples=shape (6, 6000): must be (B, 6, N)"),
+    ({"sample_rate": 44100.0}, "sample_rate=44100.0 Hz: must be 22050 Hz"),
+]
 
 
-def clipped(samples: Array) -> dict[str, Any]:
-    samples[0, 2] = np.clip(samples[0, 2], -0.15, 0.15)
-    return {}
+def test_recordings_that_no_estimator_can_use(localizer):
+    for changed, message in REFUSED:
+        with refused(f"observation.{message}"):
+            localizer(replace(observed(PROBE, SOUND), **changed))
+    far = replace(localizer, window=SearchWindow(farthest=60.0))
+    allowed = "echoes must arrive within the recording of 6000 samples"
+    with refused(f"window.farthest=60.0 m: {allowed}"):
+        far(observed(PROBE, SOUND))
 
 
-REFUSED = {
-    "infinity": (infinite, r"samples=NaN or infinity: samples must be finite; is a microphone"),
-    "clipped": (clipped, r"samples=microphone 3 of observation 0 clipped at 0.15: .*less gain"),
-    "channels": (lambda y: {"samples": y[:, :5]}, r"samples=shape \(1, 5, 6000\): must be \(B, 6,"),
-    "no batch": (lambda y: {"samples": y[0]}, r"samples=shape \(6, 6000\): must be \(B, 6, N\)"),
-    "rate": (lambda y: {"sample_rate": 44100.0}, r"sample_rate=44100.0 Hz: must be 22050 Hz"),
+BAD = {
+    "azimuths": ("many", 3, 180.5),
+    "echoes": ("many", 0),
+    "sign": ("negative",),
+    "whiten": ("loud", None, 1),
+    "gamma": (2.0,),
+    "beam": ("mvdr",),
+    "elevations": (0,),
+    "iterations": (0,),
+    "loading": (-1.0,),
+    "false_alarm": (0.0,),
 }
 
 
-@pytest.mark.parametrize(("fault", "message"), REFUSED.values(), ids=REFUSED)
-def test_recordings_that_no_estimator_can_use(
-    localizer: Localizer, fault: Any, message: str
-) -> None:
-    samples = noisy(0.5)[None]
-    changed = fault(samples)
-    with pytest.raises(BadValue, match=rf"^observation\.{message}"):
-        localizer(replace(Observation(samples, PROBE, RING), **changed))
-
-
-def test_a_window_outside_the_recording(localizer: Localizer) -> None:
-    far = replace(localizer, window=SearchWindow(farthest=60.0))  # type: ignore[type-var]
-    with pytest.raises(BadValue, match=r"^window.farthest=60.0 m: .*the recording of 6000 samples"):
-        far(observed(PROBE, noisy(0.5)))
-
-
-BAD = [
-    ("azimuths", "many"),
-    ("azimuths", 3),
-    ("azimuths", 180.5),
-    ("echoes", "many"),
-    ("echoes", 0),
-]
-BAD += [
-    ("sign", "negative"),
-    ("whiten", "loud"),
-    ("whiten", None),
-    ("whiten", 1),
-    ("gamma", 2.0),
-    ("beam", "mvdr"),
-]
-BAD += [
-    ("elevations", 0),
-    ("iterations", 0),
-    ("loading", -1.0),
-    ("false_alarm", 0.0),
-    ("sign", "no"),
-]
-
-
-@pytest.mark.parametrize(("argument", "value"), BAD)
 @pytest.mark.parametrize("kind", NAMES)
-def test_bad_arguments(kind: str, argument: str, value: Any) -> None:
-    if argument in {field.name for field in fields(build(kind))}:
-        with pytest.raises(BadValue, match=f"^localizer.{argument}={value}"):
-            build(kind, **{argument: value})
+def test_bad_arguments(kind):
+    for argument in BAD.keys() & vars(build(kind)):
+        for value in BAD[argument]:
+            with refused(f"localizer.{argument}={value}"):
+                build(kind, **{argument: value})
 
 
-def test_what_only_the_joint_search_and_the_first_echo_can() -> None:
-    with pytest.raises(
-        BadValue, match=r"^localizer.whiten=spatial: must be true, false; spatial is"
+def test_what_only_the_joint_search_and_the_first_echo_can():
+    for changed, message in (
+        ({"whiten": "spatial"}, "whiten=spatial: must be true, false; spatial is"),
+        ({"elevations": 2, "echoes": 2}, "elevations=2: must be 1 with several echoes"),
+        ({"elevations": 3, "azimuths": 3600}, "azimuths=3600: azimuths * elevations must be at"),
     ):
-        build("snls", whiten="spatial")
-    with pytest.raises(BadValue, match=r"^localizer.elevations=2: must be 1 with several echoes"):
-        build("snls", elevations=2, echoes=2)
-    with pytest.raises(
-        BadValue, match=r"^localizer.azimuths=3600: azimuths \* elevations must be at"
-    ):
-        build("snls", azimuths=3600, elevations=3)
+        with refused(f"localizer.{message}"):
+            build("snls", **changed)
 
 
 @pytest.mark.parametrize("kind", ["gated", "joint", "em", "mclam"])
-def test_an_array_too_wide_to_be_steered_is_refused(kind: str) -> None:
+def test_an_array_too_wide_to_be_steered_is_refused(kind):
     wide = observed(PROBE, noisy(0.5), array=MicArray(4 * RING.positions))
-    with pytest.raises(
-        BadValue, match=r"^array.positions=1.60 m: microphones must be within 1.00 m"
-    ):
+    with refused("array.positions=1.60 m: microphones must be within 1.00 m"):
         build(kind)(wide)
 
 
@@ -302,15 +251,13 @@ def test_an_array_too_wide_to_be_steered_is_refused(kind: str) -> None:
 
 @pytest.mark.parametrize("microphone", [1, 4])
 @pytest.mark.parametrize("fault", ["silent", "stuck", "faint"])
-def test_a_silent_microphone_is_told_and_left_out(
-    localizer: Localizer, name: str, fault: str, microphone: int
-) -> None:
+def test_a_silent_microphone_is_told_and_left_out(localizer, fault, microphone):
     samples = np.stack([noisy(0.5), noisy(-2.0)])
     faint = white(PROBE, 1e-4, 5)[0]
     samples[0, microphone - 1] = {"silent": 0.0, "stuck": 0.7, "faint": faint}[fault]
     batch = Observation(samples, PROBE, RING)
-    if microphone == 1 and name not in ("joint", "em", "mclam"):
-        with pytest.raises(BadValue, match="^observation.samples=silence at microphone 1: .*joint"):
+    if microphone == 1 and isinstance(localizer, Gated | Peaks | Snls):
+        with refused("observation.samples=silence at microphone 1: "):
             localizer(batch)
         return
     message = f"microphone {microphone} is silent in 1 of 2 observations and is left out there"
@@ -322,7 +269,7 @@ def test_a_silent_microphone_is_told_and_left_out(
     assert np.allclose(echoes.gain[:, 0], 0.1, rtol=0.1)
 
 
-def test_sound_recordings_are_not_complained_of(localizer: Localizer) -> None:
+def test_sound_recordings_are_not_complained_of(localizer):
     """PCM of 16 bits with few levels in use repeats its extremes, and is not clipped."""
     coarse = np.round(noisy(0.5) * 100) / 100
     with warnings.catch_warnings():
@@ -333,11 +280,11 @@ def test_sound_recordings_are_not_complained_of(localizer: Localizer) -> None:
 # ---------------------------------------------------------------- sign
 
 
-def test_echoes_of_either_sign_are_found_where_they_are_sought(localizer: Localizer) -> None:
+def test_echoes_of_either_sign_are_found_where_they_are_sought(localizer):
     """What is turned comes out as if it were not, beside what is upright."""
     upright = observed(PROBE, noisy(0.5), noisy(-2.0, 201))
     turned = replace(upright, samples=upright.samples * np.array([1.0, -1.0])[:, None, None])
-    either = replace(localizer, sign="either")  # type: ignore[type-var]
+    either = replace(localizer, sign="either")
     assert same(either(turned), localizer(upright))
     assert not same(localizer(turned), localizer(upright))
     expected = localize(upright, localizer)[1]
@@ -348,17 +295,17 @@ def test_echoes_of_either_sign_are_found_where_they_are_sought(localizer: Locali
 # ---------------------------------------------------------------- whitening
 
 
-def test_whitening_without_a_density_is_refused(localizer: Localizer) -> None:
-    white_one = replace(localizer, whiten=True)  # type: ignore[type-var]
-    with pytest.raises(BadValue, match=r"^localizer.whiten=True: needs .*record the noise alone"):
+def test_whitening_without_a_density_is_refused(localizer):
+    white_one = replace(localizer, whiten=True)
+    with refused("localizer.whiten=True: needs observation.noise_psd"):
         white_one(observed(PROBE, noisy(0.5)))
 
 
-def test_a_flat_density_changes_no_estimate(localizer: Localizer) -> None:
+def test_a_flat_density_changes_no_estimate(localizer):
     """But that whitened times lie between samples, where the crests of ringing echoes are, and
     gains with them."""
     batch = observed(PROBE, noisy(0.5), noisy(-2.0, 201), noise_psd=np.full(442, 0.02**2))
-    plain, flat = localizer(batch), replace(localizer, whiten=True)(batch)  # type: ignore[type-var]
+    plain, flat = localizer(batch), replace(localizer, whiten=True)(batch)
     assert np.allclose(flat.toa, plain.toa, atol=0.51 / RATE)
     assert np.allclose(flat.azimuth, plain.azimuth, atol=np.radians(2.01))
     assert (flat.gain >= 0.98 * plain.gain).all()
@@ -366,11 +313,11 @@ def test_a_flat_density_changes_no_estimate(localizer: Localizer) -> None:
 
 
 @pytest.mark.parametrize("fault", [0.0, 0.7])
-def test_whitening_does_not_wake_a_silent_microphone(localizer: Localizer, fault: float) -> None:
+def test_whitening_does_not_wake_a_silent_microphone(localizer, fault):
     samples = noisy(0.5)
     samples[3] = fault
     batch = observed(PROBE, samples, noise_psd=np.linspace(1, 2, 65))
     with pytest.warns(SilentMicrophone, match="microphone 4 is silent"):
-        echoes = replace(localizer, whiten=True)(batch)  # type: ignore[type-var]
+        echoes = replace(localizer, whiten=True)(batch)
     assert echoes.toa[0, 0] * RATE == pytest.approx(LAG, abs=0.51)
     assert echoes.azimuth[0, 0] == pytest.approx(0.5, abs=np.radians(4))

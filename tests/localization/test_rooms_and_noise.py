@@ -14,10 +14,8 @@ from echolearn.acoustics.geometry import (
     wall_points,
 )
 from echolearn.acoustics.signals import noise_probe
-from echolearn.acoustics.types import Array, Echoes, MicArray, Observation, Pose, Room
-from echolearn.evaluation import stats
+from echolearn.acoustics.types import Echoes, MicArray, Observation, Pose, Room
 from echolearn.evaluation.matching import match_echoes
-from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.em import Em
 from echolearn.localization.methods.gated import Gated
@@ -38,7 +36,7 @@ Record = Callable[..., Observation]
 AUTHORS = SearchWindow(rule="authors")
 
 
-def timed(observation: Observation) -> Array:
+def timed(observation):
     """Return the S-NLS times (B, 1), from microphone 1 alone, for speed."""
     alone = MicArray(RING.positions[:1])
     one = MatchedFilter(
@@ -68,17 +66,10 @@ def timed(observation: Observation) -> Array:
     ],
     ids=lambda value: getattr(value, "__name__", type(value).__name__) if callable(value) else None,
 )
-def test_share_of_times_within_5_samples_of_two_walls(
-    estimate: Callable[[Observation], Echoes | Array],
-    snr_db: float,
-    low: float,
-    high: float,
-    hear: Record,
-    study: Place,
-) -> None:
+def test_share_of_times_within_5_samples_of_two_walls(estimate, snr_db, low, high, hear, study):
     """5 trials with each of 10 probes (20 of S-NLS): good to 11 points, 8 of S-NLS."""
     truth = true_echoes(*study, array=RING).toa
-    right: list[bool] = []
+    right = []
     for probe in range(20 if estimate is timed else 10):
         found = estimate(hear(study, snr_db=snr_db, trials=5, probe=probe))
         toa = found.toa if isinstance(found, Echoes) else found
@@ -89,7 +80,7 @@ def test_share_of_times_within_5_samples_of_two_walls(
 # ---------------------------------------------------------------- directions
 
 
-def near_the_wall(localizer: Localizer, observation: Observation, place: Place) -> float:
+def near_the_wall(localizer, observation, place):
     """Return the share of azimuths within 5 degrees of the wall whose TOA was found."""
     echoes = localizer(observation)
     truth = true_echoes(*place, array=RING)
@@ -109,26 +100,14 @@ def near_the_wall(localizer: Localizer, observation: Observation, place: Place) 
     ],
 )
 def test_mpdr_finds_the_wall_in_quiet_and_the_gated_direction_in_noise_too(
-    localizer: Localizer, snr_db: float, low: float, high: float, hear: Record, beside: Place
-) -> None:
+    localizer, snr_db, low, high, hear, beside
+):
     recordings = hear(beside, snr_db=snr_db, trials=24)
     assert low <= near_the_wall(localizer, recordings, beside) <= high
 
 
-def test_what_mpdr_finds_at_0_db_hangs_on_how_the_array_stands(hear: Record, study: Place) -> None:
-    """8 probes x 10 trials at one place. Planning measured 82 % (33 of 40); turned by 90 degrees it
-    is half of that."""
-    shares = []
-    for place in (study, (study[0], replace(study[1], heading=0.0))):
-        batches = [hear(place, snr_db=0.0, trials=10, probe=probe) for probe in range(8)]
-        shares.append(np.mean([near_the_wall(Snls(), batch, place) for batch in batches]))
-    planned = stats.wilson(33, 40)
-    assert planned.low <= shares[0] <= planned.high
-    assert shares[1] < 0.5
-
-
 @pytest.mark.parametrize("height", [1.3, 4.7])
-def test_an_echo_from_above_or_below_is_told_from_a_wall(height: float, hear: Record) -> None:
+def test_an_echo_from_above_or_below_is_told_from_a_wall(height, hear):
     """Ceiling 1.3 m above the robot, walls far away: the axis wins, and up and down are alike."""
     place = Room((12.0, 12.0, 6.0), 0.4), Pose(np.array([6.0, 5.5, height]))
     assert (Gated()(hear(place, snr_db=0.0, trials=4)).elevation == 0.0).all()
@@ -137,18 +116,16 @@ def test_an_echo_from_above_or_below_is_told_from_a_wall(height: float, hear: Re
 # ---------------------------------------------------------------- maps
 
 
-@pytest.mark.parametrize("size", [(8.0, 6.0, 5.0), (13.0, 11.0, 5.0)])
-def test_joint_holds_the_map_at_minus_10_db_and_gated_at_minus_5(
-    size: tuple[float, float, float],
-) -> None:
-    """At least 90 % of the attainable points within 0.10 m; some 200 trials that are good to +-4
+def test_joint_holds_the_map_at_minus_10_db_and_gated_at_minus_5():
+    """At least 90 % of the attainable points within 0.10 m; some 150 trials that are good to +-5
     points.
 
     6 000 samples hold the early echoes; the ratio is that of all 20 000, most of which are silent.
     """
-    room, scene = Room(size, 0.6), Scene(RING, noise_probe(length=6000), Images(), White())
+    room = Room((8.0, 6.0, 5.0), 0.6)
+    scene = Scene(RING, noise_probe(length=6000), Images(), White())
     walls = replace(room, walls=(1, 1, 1, 1, 0, 0))
-    hits: dict[type, list[bool]] = {Joint: [], Gated: []}
+    hits = {Joint: [], Gated: []}
     for number, pose in enumerate(trajectory(room, poses=120)):
         lags = true_echoes(walls, pose, array=RING).toa * RATE
         if not ((lags >= FIRST) & (lags <= LAST)).any():
@@ -168,9 +145,7 @@ def test_joint_holds_the_map_at_minus_10_db_and_gated_at_minus_5(
 
 
 @pytest.mark.parametrize("kind", [Joint, Em, Gated])
-def test_a_corner_gives_two_points_on_two_walls(
-    kind: Callable[..., Localizer], hear: Record, study: Place
-) -> None:
+def test_a_corner_gives_two_points_on_two_walls(kind, hear, study):
     """1.0 m from one wall, 1.5 m from the other, 0 dB: both points within 2 cm in at least 9 of 10
     trials."""
     room, pose = study

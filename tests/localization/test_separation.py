@@ -5,7 +5,7 @@ import pytest
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.signals import noise_probe
-from echolearn.acoustics.types import Array, Echoes
+from echolearn.acoustics.types import Echoes
 from echolearn.localization import features
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.joint import Joint
@@ -15,7 +15,7 @@ from reference import RATE, observed, wave, white
 PROBE = noise_probe(length=3000)
 WINDOW = SearchWindow()
 Wave = tuple[float, float, float]
-PAIRS: dict[str, tuple[Wave, Wave]] = {
+PAIRS = {
     "far from each other": ((0.4, 150.3, 0.1), (2.5, 220.7, 0.06)),
     "a corner": ((0.4, 180.0, 0.1), (0.4 + np.pi / 2, 180.4, 0.08)),
     "three samples late, one direction": ((1.0, 180.2, 0.1), (1.0, 183.4, 0.1)),
@@ -23,41 +23,41 @@ PAIRS: dict[str, tuple[Wave, Wave]] = {
 FIRST, SECOND = PAIRS["far from each other"]
 
 
-def view(*waves: Wave) -> MatchedFilter:
+def view(*waves):
     """Return the view of one recording of some echoes."""
     return MatchedFilter(observed(PROBE, sum(wave(PROBE, *one) for one in waves)), WINDOW, 24)
 
 
-def told(*waves: Wave) -> Echoes:
+def told(*waves):
     """Return echoes (1, R) as an estimator would name them."""
     azimuth, lag, gain = (np.array([column]) for column in zip(*waves, strict=True))
     return Echoes(lag / RATE, gain, gain, azimuth, np.full(lag.shape, np.pi / 2), gain)
 
 
-def relative(error: Array, whole: Array) -> float:
+def relative(error, whole):
     return float(np.linalg.norm(error) / np.linalg.norm(whole))
 
 
 @pytest.mark.parametrize("pair", PAIRS.values(), ids=PAIRS)
-def test_what_the_others_leave_is_what_the_echo_alone_would_give(pair: tuple[Wave, Wave]) -> None:
+def test_what_the_others_leave_is_what_the_echo_alone_would_give(pair):
     for found, one in zip(separate(view(*pair), told(*pair)), pair, strict=True):
         alone = view(one)
         assert relative(found.padded - alone.padded, alone.padded) < 0.02
         assert np.allclose(found.steered, alone.steered, atol=0.02 * np.abs(alone.steered).max())
 
 
-def test_a_single_echo_is_the_recording_itself() -> None:
+def test_a_single_echo_is_the_recording_itself():
     matched = view(FIRST)
     assert separate(matched, told(FIRST)) == [matched]
 
 
-def test_gains_are_not_taken_on_trust() -> None:
+def test_gains_are_not_taken_on_trust():
     together = view(FIRST, SECOND)
     right, wrong = (separate(together, told(FIRST, (*SECOND[:2], g)))[0] for g in (0.06, 9.0))
     assert np.allclose(right.padded, wrong.padded)
 
 
-def test_a_wrong_direction_takes_little_from_the_others() -> None:
+def test_a_wrong_direction_takes_little_from_the_others():
     """At microphone 1 the echo is where it is said to be, at the others it is not."""
     alone = view(FIRST)
     found, _ = separate(view(FIRST, SECOND), told(FIRST, (SECOND[0] + 2.0, *SECOND[1:])))
@@ -71,19 +71,19 @@ def test_a_wrong_direction_takes_little_from_the_others() -> None:
     assert max(errors) < 0.2
 
 
-def test_an_echo_that_is_named_twice_is_shared() -> None:
+def test_an_echo_that_is_named_twice_is_shared():
     one = (0.4, 180.3, 0.1)
     matched = view(one)
     for found in separate(matched, told(one, one)):
         assert np.allclose(found.padded, matched.padded / 2, atol=0.01 * matched.padded.max())
 
 
-def test_columns_of_each_echo_are_those_of_it_alone() -> None:
+def test_columns_of_each_echo_are_those_of_it_alone():
     """Under little noise and with what the estimator itself makes of the two; energies, and so
     scores, are common."""
     pair, noise = PAIRS["a corner"], white(PROBE, 0.002)
 
-    def described(*waves: Wave) -> dict[str, Array]:
+    def described(*waves):
         batch = observed(PROBE, sum((wave(PROBE, *one) for one in waves), noise))
         echoes = Joint(WINDOW, echoes=len(waves))(batch)
         return features.describe(separate(MatchedFilter(batch, WINDOW), echoes), echoes)

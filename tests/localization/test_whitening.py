@@ -2,16 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt
 
 from echolearn.acoustics import signals
-from echolearn.acoustics.geometry import SearchWindow, true_echoes
-from echolearn.acoustics.types import Array, Observation, Pose, Room
-from echolearn.checks import BadValue
+from echolearn.acoustics.geometry import true_echoes
+from echolearn.acoustics.types import Observation, Pose, Room
 from echolearn.localization import faults, whitening
 from echolearn.localization.methods.em import Em
 from echolearn.localization.methods.gated import Gated
@@ -20,15 +18,15 @@ from echolearn.localization.methods.mclam import Mclam
 from echolearn.localization.methods.peaks import Peaks
 from echolearn.localization.methods.snls import Snls
 from reference import RATE, observed, turn
+from refusals import refused
 
 Record = Callable[..., Observation]
 Place = tuple[Room, Pose]
 PROBE = signals.noise_probe(burst=400, length=3000)
 
 
-def rotor(length: int, *, seed: int) -> Array:
-    """Return noise of unit power at 6 microphones, nine tenths of it below 463 Hz: harmonics of 70
-    Hz and a rumble."""
+def rotor(length, *, seed):
+    """Return noise of unit power at 6 microphones, harmonics of 70 Hz and a rumble."""
     rng = np.random.default_rng(seed)
     rumble = sosfilt(butter(1, 150.0, fs=RATE, output="sos"), rng.standard_normal((6, length)))
     turns = 2 * np.pi * 70.0 * np.arange(length) / RATE
@@ -40,7 +38,7 @@ def rotor(length: int, *, seed: int) -> Array:
 # ---------------------------------------------------------------- densities and filters
 
 
-def test_densities_are_in_units_of_power() -> None:
+def test_densities_are_in_units_of_power():
     """White noise of variance v has the density v; the mean density is the power."""
     psd = signals.noise_psd(3.0 * np.random.default_rng(0).standard_normal((6, 80_000)))
     assert psd.shape == (6, 442)
@@ -52,7 +50,7 @@ def test_densities_are_in_units_of_power() -> None:
     assert signals.noise_psd(loud).mean() == pytest.approx(1e6, rel=0.05)
 
 
-def test_a_flat_density_only_scales_and_delays() -> None:
+def test_a_flat_density_only_scales_and_delays():
     samples = np.random.default_rng(1).standard_normal((2, 300))
     found = signals.whiten(samples, np.full(17, 4.0))
     assert found.shape == (2, 332)
@@ -60,7 +58,7 @@ def test_a_flat_density_only_scales_and_delays() -> None:
     assert np.allclose(np.delete(found, np.s_[16:316], axis=-1), 0, atol=1e-12)
 
 
-def test_whitened_noise_is_white() -> None:
+def test_whitened_noise_is_white():
     noise, other = rotor(80_000, seed=2)[0], rotor(80_000, seed=3)[0]
     before = signals.noise_psd(other)
     after = signals.noise_psd(signals.whiten(other, signals.noise_psd(noise)))
@@ -69,7 +67,7 @@ def test_whitened_noise_is_white() -> None:
     assert np.mean((after > 0.5) & (after < 2)) > 0.98
 
 
-def test_the_correlation_of_two_whitened_signals_is_divided_by_the_density() -> None:
+def test_the_correlation_of_two_whitened_signals_is_divided_by_the_density():
     """ifft(Y conj(S) / P) for a density that the filter can follow, and the lag is still that of
     the delay."""
     burst = np.random.default_rng(4).standard_normal(500)
@@ -84,26 +82,20 @@ def test_the_correlation_of_two_whitened_signals_is_divided_by_the_density() -> 
     assert np.abs(found - exact[:300]).max() < 0.01 * exact.max()
 
 
-@pytest.mark.parametrize(
-    ("refused", "message"),
-    [
-        (lambda: signals.whiten(np.zeros(100), np.zeros(9)), "observation.noise_psd=shape (9,)"),
-        (lambda: signals.whiten(np.zeros(100), -np.ones(9)), "observation.noise_psd=shape (9,)"),
-        (lambda: signals.whiten(np.zeros(100), np.full(9, np.nan)), "observation.noise_psd=shape"),
-        (lambda: signals.noise_psd(np.zeros((6, 1000))), "noise.recording=1000 samples: must be"),
-        (lambda: signals.noise_psd(np.full(4000, np.nan)), "noise.recording=NaN"),
-    ],
-)
-def test_what_is_no_noise_is_refused(refused: Callable[[], Any], message: str) -> None:
-    with pytest.raises(BadValue) as error:
-        refused()
-    assert str(error.value).startswith(message)
+def test_what_is_no_noise_is_refused():
+    for psd in (np.zeros(9), -np.ones(9), np.full(9, np.nan)):
+        with refused("observation.noise_psd=shape (9,)"):
+            signals.whiten(np.zeros(100), psd)
+    with refused("noise.recording=1000 samples: must be"):
+        signals.noise_psd(np.zeros((6, 1000)))
+    with refused("noise.recording=NaN"):
+        signals.noise_psd(np.full(4000, np.nan))
 
 
 # ---------------------------------------------------------------- observations
 
 
-def test_density_of_all_or_of_each_microphone() -> None:
+def test_density_of_all_or_of_each_microphone():
     samples = np.random.default_rng(5).standard_normal((2, 6, 3000))
     batch = observed(PROBE, *samples)
     shape = np.linspace(1.0, 3.0, 33)
@@ -118,19 +110,19 @@ def test_density_of_all_or_of_each_microphone() -> None:
 @pytest.mark.parametrize(
     ("psd", "message"),
     [
-        (np.ones((5, 9)), r"shape \(5, 9\): must be \(F,\) or \(6, F\)"),
+        (np.ones((5, 9)), "shape (5, 9): must be (F,) or (6, F)"),
         (np.full(9, np.nan), "NaN"),
         (-np.ones((6, 9)), "NaN, infinity or below 0: densities must be 0 or more"),
     ],
 )
-def test_what_is_no_density_is_refused_even_if_only_for_weights(psd: Array, message: str) -> None:
+def test_what_is_no_density_is_refused_even_if_only_for_weights(psd, message):
     batch = observed(PROBE, np.random.default_rng(5).standard_normal((6, 3000)), noise_psd=psd)
     for work in (Em(), Mclam(), Snls(whiten=True)):
-        with pytest.raises(BadValue, match=f"^observation.noise_psd={message}"):
+        with refused(f"observation.noise_psd={message}"):
             work(batch)
 
 
-def test_weights_are_one_over_the_noise_but_not_for_the_faintest() -> None:
+def test_weights_are_one_over_the_noise_but_not_for_the_faintest():
     levels = np.array([1.0, 1.0, 1.0, 3.0, 0.1, 0.0])[:, None]
     noise = levels * np.random.default_rng(3).standard_normal((6, 20_000))
     batch = observed(signals.noise_probe(), noise)
@@ -142,14 +134,10 @@ def test_weights_are_one_over_the_noise_but_not_for_the_faintest() -> None:
     assert np.allclose(whitening.noise_weights(told, silent)[0], expected)
 
 
-def test_a_silent_recording_has_no_silent_microphone() -> None:
-    assert not faults.silent_microphones(np.zeros((1, 6, 100))).any()
-
-
 # ---------------------------------------------------------------- rotors
 
 
-def under_rotors(hear: Record, place: Place, *, sdnr_db: float, trials: int) -> Observation:
+def under_rotors(hear, place, *, sdnr_db, trials):
     """Return recordings with rotor noise, and its density from another recording."""
     quiet, louder = (hear(place, snr_db=snr_db, trials=trials) for snr_db in (40.0, 0.0))
     # The same noise at two levels tells what 0 dB is.
@@ -160,28 +148,7 @@ def under_rotors(hear: Record, place: Place, *, sdnr_db: float, trials: int) -> 
     return replace(quiet, samples=quiet.samples + noise, noise_psd=psd)
 
 
-def test_the_rotors_are_as_deep_as_those_of_the_recordings() -> None:
-    psd = signals.noise_psd(rotor(60_000, seed=0))
-    deep = np.fft.rfftfreq(signals.STFT_FRAME, 1 / RATE) < 463
-    assert psd[:, deep].sum() / psd.sum() == pytest.approx(0.9, abs=0.02)
-
-
-def test_whitening_finds_echoes_under_rotors_that_are_lost_without_it(
-    hear: Record, study: Place
-) -> None:
-    """S-NLS within 5 samples at SDNR -20 dB; planning measured 73 % plain and 100 % whitened under
-    recorded rotors."""
-    batch = under_rotors(hear, study, sdnr_db=-20.0, trials=16)
-    truth = true_echoes(*study, array=batch.array).toa
-    shares = []
-    for whiten in (False, True):
-        toa = Snls(SearchWindow(rule="authors"), 8, whiten=whiten)(batch).toa
-        shares.append(np.mean(np.abs(toa - truth).min(axis=1) * RATE < 5))
-    assert shares[0] <= 0.8
-    assert shares[1] == 1.0
-
-
-def test_every_estimator_but_plain_division_is_better_whitened(hear: Record, beside: Place) -> None:
+def test_every_estimator_but_plain_division_is_better_whitened(hear, beside):
     """Within 8 degrees: what is left is above some kHz, where 1 m is near and a wave no longer
     plane. Plain division cancels it, (Y / sqrt P) / (S / sqrt P) = Y / S, but for the filter's
     ends."""
