@@ -1,6 +1,6 @@
 """What is mended in a recording before anything else looks at it.
 
-    y -> y - mean -> y - mains -> sign g_m y -> y(n + latency) -> silence at microphones left out
+    y -> y - offset - tones of the mains -> sign_m y -> y(n + latency)
 
 Each step is done only where a survey's health asks for it, so that sound recordings stay what they
 are, bit by bit.
@@ -21,21 +21,50 @@ class Mending:
     Attributes:
         latency: samples that each recording is late, shape (P,); they are taken off its beginning.
         calibration: samples that `calibration.wav` is late.
-        gains: factors of the microphones, shape (M,); -1 turns one that is wired the other way, 0
-            leaves one out.
-        offset: whether each recording's mean is subtracted from a microphone, shape (P, M), bool.
-        hum: frequency of the mains in Hz, whose tones are subtracted; 0 if there are none.
+        sign: -1 for a microphone that is wired the other way, else 1, shape (M,).
+        offset: whether a recording has an offset at a microphone, shape (P, M), bool.
+        tones: frequencies of the mains in each recording, in cycles per sample; () if none.
     """
 
     latency: Array
     calibration: float
-    gains: Array
+    sign: Array
     offset: Array
-    hum: float = 0.0
+    tones: tuple[tuple[float, ...], ...]
+
+    @property
+    def nothing(self) -> bool:
+        """Whether there is nothing to mend."""
+        moved = self.latency.any() or self.calibration or self.offset.any() or any(self.tones)
+        return not (moved or (self.sign < 0).any())
+
+    def __call__(self, samples: Array, pose: int) -> Array:
+        """Return the recording of a pose, samples (M, N), as it should have been."""
+        samples = steadied(samples, self.offset[pose], self.tones[pose])
+        return advance(self.sign[:, None] * samples, float(self.latency[pose]))
+
+
+def steadied(samples: Array, offset: Array, tones: tuple[float, ...]) -> Array:
+    """Return a recording without what does not belong to its sound.
+
+    Args:
+        samples: shape (M, N).
+        offset: microphones whose mean is subtracted, shape (M,), bool.
+        tones: frequencies that are fitted and subtracted, in cycles per sample.
+    """
+    if not tones:
+        return samples - np.where(offset, samples.mean(axis=-1), 0.0)[:, None]
+    time = 2 * np.pi * np.arange(samples.shape[-1])
+    waves = [wave(frequency * time) for frequency in tones for wave in (np.cos, np.sin)]
+    # Fitted together with the mean, which a broken period of a tone would shift.
+    model = np.stack([np.ones_like(time), *waves], axis=-1)
+    parts = np.linalg.lstsq(model, samples.T, rcond=None)[0]
+    parts[0] *= offset
+    return samples - (model @ parts).T
 
 
 def advance(samples: Array, latency: float) -> Array:
-    """Return samples (..., N) so many samples earlier, silence at the end.
+    """Return samples (..., N) so many samples earlier, silence where nothing was recorded.
 
     Whole samples are moved; what is left is a phase in the frequency domain.
     """

@@ -33,6 +33,7 @@ from echolearn.checks import check
 from echolearn.storage import manifests
 from echolearn.survey import audio, direct_path
 from echolearn.survey.description import read_description
+from echolearn.survey.mending import Mending, advance
 from echolearn.survey.poses import read_poses
 
 NOISE = "noise.wav"
@@ -69,6 +70,8 @@ class Survey:
             recordings hold none.
         rate: sample rate in Hz to which recordings and probe are brought when read; None leaves
             them.
+        gains: factors of the microphones, shape (M,), 0 for one that is left out; None leaves them.
+        mending: what is mended in recordings before anything else looks at them (`health`).
     """
 
     folder: Path
@@ -83,6 +86,8 @@ class Survey:
     heading_bias_sd: float = 0.0
     direct: str | None = None
     rate: float | None = None
+    gains: Array | None = None
+    mending: Mending | None = None
 
     def observe(self, poses: Sequence[int]) -> Observation:
         """Read the recordings of the numbered poses, samples (B, M, N), without the direct path.
@@ -93,7 +98,7 @@ class Survey:
             BadValue: a recording that is missing, has another sample rate, number of channels or
                 length, or NaN; or such a calibration or noise.
         """
-        samples = np.stack([self.recording(pose) for pose in poses])
+        samples = np.stack([self._mended(pose) for pose in poses])
         if self.direct:
             gain = direct_path.free_field(self.array) if self.direct == "analytic" else None
             samples = direct_path.remove(samples, self.arrivals, gain=gain)
@@ -106,6 +111,16 @@ class Survey:
             noise_psd=psd,
             noise_covariance=covariance,
         )
+
+    def _mended(self, pose: int) -> Array:
+        """Return the recording of a pose as it should have been, shape (M, N)."""
+        samples = self.recording(pose)
+        return samples if self.mending is None else self.mending(samples, pose)
+
+    @property
+    def used(self) -> Array:
+        """Microphones that are not left out, shape (M,), bool."""
+        return np.ones(len(self.array), dtype=bool) if self.gains is None else self.gains != 0
 
     @cached_property
     def emitted(self) -> Probe:
@@ -148,7 +163,9 @@ class Survey:
             allowed="must hold the direct path in each",
             hint="a deaf microphone?",
         )
-        return np.pad(samples, ((0, 0), (0, length - samples.shape[1])))
+        whole = np.pad(samples, ((0, 0), (0, length - samples.shape[1])))
+        late = self.mending.calibration if self.mending else 0.0
+        return advance(whole, late) if late else whole
 
     @cached_property
     def noise_statistics(self) -> tuple[Array, Array] | tuple[None, None]:
@@ -167,7 +184,11 @@ class Survey:
         """
         if not (self.folder / NOISE).exists():
             return None
-        return self._read_beside(NOISE, least=self.probe.length)
+        alone = self._read_beside(NOISE, least=self.probe.length)
+        # Of a microphone that is left out no level is wanted, but one is needed.
+        return (
+            alone if self.gains is None else np.where(self.used, self.gains, 1.0)[:, None] * alone
+        )
 
     def _read_beside(self, name: str, *, least: int = 1) -> Array:
         """Return what was recorded beside the walk, of at least so many samples, shape (M, K)."""
@@ -179,7 +200,7 @@ class Survey:
         return samples
 
     def recording(self, pose: int) -> Array:
-        """Return what was recorded at a pose, as it was recorded, shape (M, N).
+        """Return what was recorded at a pose, by the gains, shape (M, N).
 
         Raises:
             BadValue: as `observe`.
@@ -189,7 +210,7 @@ class Survey:
         samples = audio.read_recording(path, self.probe.sample_rate, shape=shape)
         hint = "was the recorder running?"
         check(bool(samples.any()), str(path), "silence", allowed="must be a recording", hint=hint)
-        return samples
+        return samples if self.gains is None else self.gains[:, None] * samples
 
 
 def blocks(survey: Survey) -> list[range]:

@@ -1,0 +1,263 @@
+"""What all recordings together say of the microphones: dead, clipped, doubled, changing places.
+
+One recording may deceive; what is said here is said of a microphone that does it again and again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from echolearn.acoustics.types import Array
+from echolearn.survey import levels as level_rules
+from echolearn.survey import naming
+from echolearn.survey.arrivals import SEEN
+from echolearn.survey.echoes import Echo
+from echolearn.survey.levels import Levels
+
+DEAD_DB = -40.0
+SOFT_DB = -12.0
+"""Level over that of the median microphone at which one is dead, and at which that is told."""
+
+ONE = 0.98
+"""Correlation from which two channels are one, and a channel is the emitted burst itself."""
+
+LEAK = 0.06
+"""Correlation at the same instant, beyond that of microphones as far from one another, from which
+channels leak: -24 dB if into one another."""
+
+TURNED = 0.8
+"""|mean exp(4 j heading)| above which a robot always stands alike before walls at right angles,
+whose echoes then reach some microphones together."""
+
+
+@dataclass
+class Verdicts:
+    """What there is to say of M microphones.
+
+    Attributes:
+        words: of each microphone.
+        refused, noticed: lines.
+    """
+
+    words: list[str]
+    refused: list[str] = field(default_factory=list)
+    noticed: list[str] = field(default_factory=list)
+
+    def refuse(self, which: Array, word: str, line: str) -> None:
+        """Say a word of some microphones, (M,), bool, and refuse with a line."""
+        self.name(which, word)
+        self.refused.append(line)
+
+    def name(self, which: Array, word: str) -> None:
+        """Say a word of some microphones, shape (M,), bool."""
+        for m in np.flatnonzero(which):
+            self.words[m] = word if self.words[m] == "fine" else f"{self.words[m]}, {word}"
+
+
+class Walk(NamedTuple):
+    """What was measured of all recordings.
+
+    Attributes:
+        numbers: `index` of each recording.
+        level_db: of each channel in the probe's band, shape (P, M).
+        levels: `levels.measure`, fields (P, ...).
+        echo: `echoes.measure`, fields (P, ...).
+        used: microphones that are used, shape (M,), bool.
+        distances: between microphones, shape (M, M), in m.
+        headings: of the robot, shape (P,), in rad.
+    """
+
+    numbers: Sequence[int]
+    level_db: Array
+    levels: Levels
+    echo: Echo
+    used: Array
+    distances: Array
+    headings: Array
+
+
+def judge(walk: Walk) -> Verdicts:
+    """Return what recordings say of the microphones."""
+    words = ["fine" if used else "left out" for used in walk.used]
+    found = Verdicts(words)
+    dead = _dead(walk, found)
+    alive = walk.used & ~dead.any(axis=0)
+    _clipped(walk, found, dead)
+    _lost(walk, found)
+    if alive.sum() > 1:
+        _same(walk, found, alive)
+        _loopback(walk, found, alive)
+        _swapped(walk, found)
+        _soft(walk, found, alive)
+    return found
+
+
+def _where(walk: Walk, which: Array) -> str:
+    """Name microphones and recordings of which (P, M) are meant."""
+    place = naming.recordings(walk.numbers, which.any(axis=1))
+    return f"{naming.microphones(which.any(axis=0))} in {place}"
+
+
+def _dead(walk: Walk, found: Verdicts) -> Array:
+    """Refuse microphones that hear nothing, and return which, shape (P, M), bool."""
+    level = np.where(walk.used, walk.level_db, np.nan)
+    below = level - np.nanmedian(level, axis=1, keepdims=True)
+    dead = below < DEAD_DB
+    # One that has noise of its own and hears nothing of what all others hear.
+    heard = (walk.echo.seen > SEEN).mean(axis=0)
+    others = [np.median(np.delete(heard, m)) for m in range(len(heard))] if len(heard) > 1 else [0]
+    deaf = walk.used & (heard < 0.1) & (np.array(others) > 0.8) & (len(level) > 2)
+    dead |= deaf & ~dead.any(axis=0)
+    if not dead.any():
+        return dead
+    patterns = {tuple(row) for row in dead.tolist()}
+    where = _where(walk, dead)
+    if len(patterns) > 1:
+        line = (
+            f"dead channels={where}, not in the others: must be the same in every recording; "
+            "do channels change places, or is a plug loose?"
+        )
+        found.refuse(dead.any(axis=0), "dead at times", line)
+        return dead
+    which = dead.any(axis=0)
+    numbers = (np.flatnonzero(which) + 1).tolist()
+    line = f"dead channels={where}: must hear the probe; without={numbers} maps with the others"
+    found.refuse(which, "dead", line.replace(" ", " "))
+    return dead
+
+
+def _clipped(walk: Walk, found: Verdicts, dead: Array) -> None:
+    share = np.where(walk.used & ~dead, walk.levels.clipping, 0.0)
+    clipped = share > level_rules.CLIPPED
+    if clipped.any():
+        line = (
+            f"clipped={100 * share.max():.0f} % of a burst at {_where(walk, clipped)}: must be at "
+            f"most {100 * level_rules.CLIPPED:g} %; record with less gain"
+        )
+        found.refuse(clipped.any(axis=0), "clipped", line)
+
+
+def _lost(walk: Walk, found: Verdicts) -> None:
+    """Refuse recordings that carry the marks of lost samples."""
+    zeros = np.where(walk.used, walk.levels.zeros, 0)
+    if zeros.any():
+        line = (
+            f"lost samples={zeros.max()} exact zeros in a row at {_where(walk, zeros > 0)}: must "
+            "be sound; did the recorder drop a buffer?"
+        )
+        found.refuse(zeros.any(axis=0), "samples lost", line)
+    repeated = np.asarray(walk.levels.repeated)
+    if repeated.any():
+        where = naming.recordings(walk.numbers, repeated > 0)
+        line = (
+            f"repeated samples={repeated.max()} in {where}: "
+            "must be sound, which never comes back exactly; did the recorder play a buffer twice?"
+        )
+        found.refused.append(line)
+
+
+def _same(walk: Walk, found: Verdicts, alive: Array) -> None:
+    """Refuse channels that are one, or leak into one another."""
+    alike = np.median(walk.echo.alike, axis=0)
+    alike[~alive] = 0.0
+    alike[:, ~alive] = 0.0
+    one = np.abs(alike) > ONE
+    if one.any():
+        which = one.any(axis=0)
+        line = (
+            f"doubled channels={naming.microphones(which)} correlate {np.abs(alike).max():.3f} in "
+            f"{naming.recordings(walk.numbers, np.ones(len(walk.numbers), dtype=bool))}: must be "
+            "different; is one input recorded twice?"
+        )
+        found.refuse(which, "doubled", line)
+        return
+    excess = _excess(walk, alike)
+    leak = np.abs(excess) > 0
+    if leak.any():
+        which = leak.any(axis=0)
+        line = (
+            f"crosstalk={20 * np.log10(np.abs(excess).max()):.0f} dB between "
+            f"{naming.microphones(which)} in the median recording: must be below "
+            f"{20 * np.log10(LEAK):.0f} dB; do cables or inputs leak into one another?"
+        )
+        found.refuse(which, "crosstalk", line)
+
+
+def _excess(walk: Walk, alike: Array) -> Array:
+    """Return correlations beyond those of microphones as far apart, 0 if not significant, (M, M).
+
+    Args:
+        walk: what was measured.
+        alike: median correlation between microphones, 0 where one is not used, shape (M, M).
+    """
+    count = len(walk.numbers)
+    doubt = 6 * walk.echo.alike.std(axis=0) / np.sqrt(count)
+    steady = abs(np.mean(np.exp(4j * walk.headings))) > TURNED
+    used = alike != 0
+    excess = np.zeros_like(alike)
+    for i, j in np.argwhere(np.triu(used, 1)):
+        peers = used & np.isclose(walk.distances, walk.distances[i, j], rtol=0.02)
+        alone = peers.sum() < 6  # each pair counts twice
+        usual = float(np.median(alike[used if alone else peers]))
+        least = 0.5 if steady else 0.3 if alone else LEAK
+        beyond = abs(alike[i, j] - usual)
+        if beyond > least + doubt[i, j]:
+            excess[i, j] = excess[j, i] = beyond
+    return excess
+
+
+def _loopback(walk: Walk, found: Verdicts, alive: Array) -> None:
+    """Refuse channels that hold the emitted burst itself."""
+    score = np.median(walk.echo.score, axis=0)
+    lag = np.median(walk.echo.lag, axis=0)
+    steady = (
+        np.ptp(walk.echo.lag, axis=0) < 1.0 if len(walk.numbers) > 1 else np.ones(len(lag), bool)
+    )
+    earliest = lag < np.median(lag[alive]) - 2.0
+    loop = alive & (score > ONE) & earliest & steady
+    if loop.any() and not loop[alive].all():
+        line = (
+            f"loopback={naming.microphones(loop)} holds the burst as it was emitted, correlation "
+            f"{score[loop].max():.3f}: must be a microphone; without="
+            f"{(np.flatnonzero(loop) + 1).tolist()} maps with the others"
+        )
+        found.refuse(loop, "loopback", line)
+
+
+def _swapped(walk: Walk, found: Verdicts) -> None:
+    """Refuse microphones whose exchange makes echoes plane waves that are none otherwise."""
+    pairs = np.asarray(walk.echo.swapped)
+    plane = np.asarray(walk.echo.plane)
+    votes: dict[tuple[int, int], Array] = {}
+    for first, second in {(int(a), int(b)) for a, b in pairs if a >= 0}:
+        votes[first, second] = (pairs == (first, second)).all(axis=1)
+    if not votes:
+        return
+    (first, second), chosen = max(votes.items(), key=lambda item: int(item[1].sum()))
+    enough = max(2, 0.1 * (plane.sum() + sum(each.sum() for each in votes.values())))
+    if chosen.sum() >= enough:
+        which = np.isin(np.arange(len(walk.used)), (first, second))
+        where = naming.recordings(walk.numbers, chosen)
+        line = (
+            f"changed places={naming.microphones(which)} in {where}: echoes must be plane waves, "
+            "and are so with the two exchanged; were plugs exchanged?"
+        )
+        found.refuse(which, "changes places", line)
+
+
+def _soft(walk: Walk, found: Verdicts, alive: Array) -> None:
+    """Tell of microphones that are softer than the others, and how to mend that."""
+    level = np.median(walk.level_db, axis=0)
+    below = level - np.median(level[alive])
+    soft = alive & (below < SOFT_DB)
+    if soft.any():
+        gains = np.where(soft, np.round(10 ** (-below / 20), 1), 1.0)
+        shown = ",".join(f"{gain:g}" for gain in gains)
+        line = (
+            f"{naming.microphones(soft)} is {-below.min():.0f} dB below the others; "
+            f"gains=[{shown}] mends it"
+        )
+        found.name(soft, f"{below.min():.0f} dB")
+        found.noticed.append(line)

@@ -1,0 +1,203 @@
+"""What does not belong to the sound of a recording: offset, mains, clipping, lost samples.
+
+An offset is told from low frequencies by being alone: its power is compared with that of the
+lowest frequencies beside it. The mains is told from other tones by a comb: what sinusoids at
+multiples of 50 or 60 Hz explain is compared with what combs of other frequencies do.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from echolearn.acoustics.types import Array, Probe
+from echolearn.survey.mending import steadied
+
+OFFSET = 0.25
+"""Offset over the rms of the rest from which it is subtracted; it takes 3 % of a score."""
+
+ALONE = 16.0
+"""Power of an offset or a tone over that of its neighbours from which it stands out."""
+
+MAINS = (50.0, 60.0)
+OTHERS = (37.0, 43.0, 71.0, 83.0)
+"""Fundamental frequencies in Hz of the mains, and of combs to compare with."""
+
+HARMONICS = 10
+"""Tones of a comb."""
+
+COMB = 8.0
+"""Power of the mains' comb over that of the others from which it stands out."""
+
+ASTRAY = 0.6
+FINER = 61
+"""Hz by which the mains may be off, and the frequencies among which it is sought."""
+
+HUM = 0.05
+"""Share of a channel's power from which hum is subtracted."""
+
+CLIPPED = 0.01
+"""Share of the samples of a burst at the rails from which a channel counts as clipped."""
+
+LOST = 32
+"""Samples in a row that are exactly zero, or exactly as before, which no sound is."""
+
+
+class Levels(NamedTuple):
+    """What is measured of one recording.
+
+    Attributes:
+        offset: mean of each channel, shape (M,).
+        shifted: whether that is an offset rather than low frequencies, shape (M,), bool.
+        hum: power of the mains over that of the rest, of each channel, shape (M,).
+        tones: frequencies of the mains that stand out, in cycles per sample.
+        clipping: share of the loudest burst's length at the rails, shape (M,).
+        zeros: longest run of exact zeros between loud samples, shape (M,).
+        repeated: longest stretch that is exactly as one before it, of all channels.
+    """
+
+    offset: Array
+    shifted: Array
+    hum: Array
+    tones: tuple[float, ...]
+    clipping: Array
+    zeros: Array
+    repeated: int
+
+
+def measure(samples: Array, probe: Probe) -> tuple[Levels, Array]:
+    """Return what is measured of a recording (M, N), and the recording without offset and hum."""
+    everywhere = np.ones(len(samples), dtype=bool)
+    offset = samples.mean(axis=-1)
+    tones = mains(samples - offset[:, None], probe.sample_rate)
+    rest = steadied(samples, everywhere, tones)
+    hum = np.var(samples, axis=-1) / np.maximum(np.var(rest, axis=-1), 1e-30) - 1.0
+    found = Levels(
+        offset,
+        stands_out(offset, rest),
+        np.maximum(hum, 0.0) if tones else np.zeros(len(samples)),
+        tones,
+        clipping(samples, len(probe.samples)),
+        np.array([zeros(channel) for channel in samples]),
+        repeated(samples),
+    )
+    return found, rest
+
+
+def stands_out(offset: Array, rest: Array) -> Array:
+    """Tell which offsets (M,) are more than low frequencies, shape (M,), bool.
+
+    Args:
+        offset: mean of each channel, shape (M,).
+        rest: the recording without it and without hum, shape (M, N).
+    """
+    length = rest.shape[-1]
+    # The lowest frequencies alone, without the transform of all.
+    low = rest @ _waves(length, tuple(k / length for k in range(1, 9)))
+    beside = np.mean(np.abs(low) ** 2, axis=-1) / length**2
+    return (np.abs(offset) > OFFSET * rest.std(axis=-1)) & (offset**2 > ALONE * beside)
+
+
+def mains(samples: Array, sample_rate: float) -> tuple[float, ...]:
+    """Return the tones of the mains that stand out, in cycles per sample.
+
+    Args:
+        samples: a recording without offset, shape (M, N).
+        sample_rate: in Hz.
+    """
+    # Averages of a few samples keep what is below 1 kHz, and are fewer.
+    step = max(1, int(sample_rate // 4000))
+    length = samples.shape[-1] // step
+    slow = samples[:, : length * step].reshape(len(samples), length, step).mean(axis=-1)
+    rate = sample_rate / step
+    powers = comb(slow, np.array([*MAINS, *OTHERS]) / rate)
+    beside = np.median(powers[len(MAINS) :].sum(axis=1), axis=0)
+    inside = powers[: len(MAINS)].sum(axis=1)
+    total = np.maximum(np.mean(samples**2, axis=-1), 1e-30)
+    heard = ((inside > HUM * total) & (inside > COMB * beside)).any(axis=-1)
+    if not heard.any():
+        return ()
+
+    # A grid's frequency is near the nominal one only.
+    middle = MAINS[int(inside.sum(axis=-1).argmax())]
+    near = np.linspace(middle - ASTRAY, middle + ASTRAY, FINER)
+    powers = comb(slow, near / rate).sum(axis=-1)
+    best = int(powers.sum(axis=-1).argmax())
+    loud = powers[best] > np.maximum(
+        beside.sum() / HARMONICS * ALONE, HUM / 20 * powers[best].max()
+    )
+    return tuple(float(near[best] * k / sample_rate) for k in np.flatnonzero(loud) + 1)
+
+
+def comb(samples: Array, fundamentals: Array) -> Array:
+    """Return the power that each tone of each comb explains, shape (combs, HARMONICS, M).
+
+    Args:
+        samples: shape (M, N).
+        fundamentals: of the combs, in cycles per sample.
+    """
+    tones = np.outer(fundamentals, np.arange(1, HARMONICS + 1)).ravel()
+    waves = _waves(samples.shape[-1], tuple(tones.tolist()))
+    heights = 2 * np.abs(samples @ waves / samples.shape[-1]) ** 2
+    return heights.T.reshape(-1, HARMONICS, len(samples))
+
+
+@lru_cache(maxsize=8)
+def _waves(length: int, frequencies: tuple[float, ...]) -> Array:
+    """Return exp(-j 2 pi f n), shape (length, F): the same for every recording of a survey."""
+    return np.exp(-2j * np.pi * np.outer(np.arange(length), frequencies))
+
+
+def clipping(samples: Array, burst: int) -> Array:
+    """Return the share of the loudest stretch of a burst's length at the rails, shape (M,)."""
+    low = samples.min(axis=-1, keepdims=True)
+    high = samples.max(axis=-1, keepdims=True)
+    counted = np.cumsum((samples <= low) | (samples >= high), axis=-1)
+    most = (counted[:, burst - 1 :] - np.pad(counted, [(0, 0), (1, 0)])[:, :-burst]).max(axis=-1)
+    # A channel that never changes is dead, not clipped.
+    return np.where(high[:, 0] > low[:, 0], most / burst, 0.0)
+
+
+def zeros(channel: Array) -> int:
+    """Return the longest run of exact zeros between loud samples of a channel (N,).
+
+    Silence before the first sound, after the last, or where sound fades is no loss.
+    """
+    silent = channel == 0
+    if not silent.any() or silent[:LOST].all() or silent[-LOST:].all():
+        return 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], silent, [False]]).astype(int)))
+    starts = edges[::2]
+    ends = edges[1::2]
+    loud = 0.3 * channel.std()
+    runs = [
+        end - start
+        for start, end in zip(starts, ends, strict=True)
+        if end - start >= LOST
+        and min(_level(channel[max(start - LOST, 0) : start]), _level(channel[end : end + LOST]))
+        > loud
+    ]
+    return int(max(runs, default=0))
+
+
+def _level(samples: Array) -> float:
+    return float(np.sqrt(np.mean(samples**2))) if len(samples) else 0.0
+
+
+def repeated(samples: Array) -> int:
+    """Return the longest stretch of (M, N) that is exactly as one before it, 0 if below `LOST`."""
+    # One number for all channels of a sample: equal samples have equal numbers.
+    keys = np.random.default_rng(0).integers(1, 1 << 62, len(samples), dtype=np.uint64)
+    bits = np.ascontiguousarray(samples).view(np.uint64)
+    marks = (bits * (keys[:, None] | np.uint64(1))).sum(axis=0, dtype=np.uint64)
+    order = np.argsort(marks, kind="stable")
+    same = marks[order][1:] == marks[order][:-1]
+    before = np.zeros(len(marks), dtype=int)
+    before[order[1:][same]] = order[1:][same] - order[:-1][same]
+    # A sound that stands still repeats its last sample; a block comes back as a whole.
+    before[before <= 1] = 0
+    edges = np.flatnonzero(np.diff(before, prepend=0, append=0))
+    lengths = np.diff(edges)
+    inside = before[edges[:-1]] > 0 if len(edges) else np.zeros(0, dtype=bool)
+    longest = int(lengths[inside].max(initial=0))
+    return longest if longest >= LOST else 0

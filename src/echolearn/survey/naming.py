@@ -1,0 +1,32 @@
+"""How lines about a survey name recordings and microphones: few by number, many by how many."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from echolearn.acoustics.types import Array
+
+SHOWN = 6
+"""Recordings that a line names."""
+
+
+def microphones(which: Array) -> str:
+    """Return "microphone 3" or "microphones 2, 3" for which of them, shape (M,), bool."""
+    found = (np.flatnonzero(which) + 1).tolist()
+    if len(found) == len(which) > 1:
+        return f"all {len(found)} microphones"
+    return f"microphone{'s' if len(found) > 1 else ''} {', '.join(map(str, found))}"
+
+
+def recordings(numbers: Sequence[int], which: Array) -> str:
+    """Return "recording 3" or "recordings 3, 4, 8" for which of them, shape (P,), bool.
+
+    Args:
+        numbers: `index` of each in `poses.csv`.
+        which: those that are meant.
+    """
+    found = [str(numbers[place]) for place in np.flatnonzero(which)]
+    if len(found) == len(numbers) > 1:
+        return f"all {len(found)} recordings"
+    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    return f"recording{'s' if len(found) > 1 else ''} {', '.join(found[:SHOWN])}{more}"

@@ -1,0 +1,256 @@
+"""When a recording begins: the direct path against where geometry puts it.
+
+    latency_m = lag of the first arrival at microphone m - |p_m| fs / c
+
+All microphones of a recording begin together, so their latencies agree within what positions and
+noise leave. One that is the same in every recording is an interface's; one that changes is a
+program's, or a lost buffer's, and is taken off recording by recording. What is lost after the
+direct path and leaves no mark cannot be seen.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from echolearn.acoustics.types import Array, MicArray, Probe
+from echolearn.survey import naming
+from echolearn.survey.arrivals import SEEN, Arrivals, crest
+
+TRUST = "time zero is taken on trust, since direct_path is removed"
+HIDDEN = "time zero is not measurable at this SNR"
+"""What is said of time zero where nothing tells it."""
+
+REST = 0.25
+"""Samples of latency that are left: geometry and sampling are not known better."""
+
+PLACED = 0.005
+"""m within which positions of microphones and of a loudspeaker's sound are known."""
+
+SPREAD = 0.55
+"""Standard deviation of a crest's lag in samples, times its height over the noise, for a burst of
+all frequencies: sqrt(3) / pi."""
+
+JOINT = 9.0
+"""The same as `SEEN` for the root of the summed squares of all microphones, which is larger."""
+
+LOUD = 12.0
+"""Height over the noise at which a direct path as loud as in other recordings would be seen."""
+
+
+class Direct(NamedTuple):
+    """The direct path in one recording; NaN where it is not seen.
+
+    Attributes:
+        latency: behind the geometry's, in samples, shape (M,).
+        height: of the matched filter there, below 0 where the sign is turned, shape (M,).
+        noise: standard deviation of the matched filter beside it, shape (M,).
+    """
+
+    latency: Array
+    height: Array
+    noise: Array
+
+
+def expected(array: MicArray, probe: Probe, speed_of_sound: float) -> Array:
+    """Return the lags at which the direct path arrives, shape (M,), in samples."""
+    distance: Array = np.linalg.norm(array.positions, axis=1)
+    return distance * probe.sample_rate / speed_of_sound
+
+
+def unknown(count: int) -> Direct:
+    """Return a direct path that is not there, for so many microphones."""
+    nothing = np.full(count, np.nan)
+    return Direct(nothing, nothing, nothing)
+
+
+def measure(found: Arrivals, lags: Array) -> Direct:
+    """Return the direct path of one recording.
+
+    Args:
+        found: its matched filter.
+        lags: where the direct path is expected, shape (M,), in samples.
+    """
+    outputs = found.outputs
+    noise = found.noise
+    together = _together(found, lags)
+    seen = bool(together.max() > JOINT)
+    common = found.first(together, JOINT / SEEN)
+    latency = np.full(len(lags), np.nan)
+    height = np.full(len(lags), np.nan)
+    for m, lag in enumerate(lags):
+        if np.abs(outputs[m]).max() > SEEN * noise[m]:
+            place = found.first(outputs[m], noise[m])
+        elif seen:
+            # Too faint to be found alone, it must be where it is at the others.
+            start = max(common + round(lag) - 2, 0)
+            place = start + int(np.abs(outputs[m, start : start + 5]).argmax())
+        else:
+            continue
+        where, r = crest(outputs[m], place)
+        if abs(r) > SEEN * noise[m] / 2:
+            latency[m] = where - found.zero - lag
+            height[m] = r
+    return Direct(latency, height, noise)
+
+
+def _together(found: Arrivals, lags: Array) -> Array:
+    """Return the root of the summed squares of r_m at the direct path's lags, shape (L + N,)."""
+    square = (found.outputs / found.noise[:, None]) ** 2
+    aligned = [np.roll(each, -round(lag)) for each, lag in zip(square, lags, strict=True)]
+    # What comes round from the beginning is before any sound.
+    return np.sqrt(np.sum(aligned, axis=0))
+
+
+@dataclass(frozen=True)
+class TimeZero:
+    """What the direct paths of P recordings say.
+
+    Attributes:
+        line: in words.
+        late: samples to take off each recording, shape (P,); 0 where nothing is.
+        refused: what cannot be mended.
+    """
+
+    line: str
+    late: Array
+    refused: tuple[str, ...] = ()
+
+
+def judge(
+    direct: Direct, *, numbers: Sequence[int], used: Array, sample_rate: float, speed: float
+) -> TimeZero:
+    """Return what direct paths, fields (P, M), say together.
+
+    Args:
+        direct: of every recording.
+        numbers: `index` of each recording.
+        used: microphones that are used, shape (M,), bool.
+        sample_rate: in Hz.
+        speed: of sound, in m/s.
+    """
+    latency = np.where(used, direct.latency, np.nan)
+    with np.errstate(invalid="ignore"):
+        doubt = SPREAD * direct.noise / np.abs(direct.height)
+    nothing = np.zeros(len(latency))
+    seen = np.isfinite(latency).any(axis=-1)
+    if not seen.any():
+        return TimeZero(HIDDEN, nothing)
+
+    allowed = max(0.5, PLACED * sample_rate / speed)
+    unit = _Unit(sample_rate, speed)
+    missing = _missing(direct, used)
+    lines = []
+    if missing.any():
+        lines.append(
+            f"direct path missing in {naming.recordings(numbers, missing)}: must be there where "
+            "direct_path is present; was a buffer lost, or is it removed already?"
+        )
+    middle = _middle(latency)
+    off = latency - middle[:, None]
+    wrong = (np.abs(off) > allowed + 5 * doubt) & ~missing[:, None]
+    # One reading in a hundred may be another arrival; a channel that is late is so again.
+    wrong &= wrong.sum(axis=0) > 0.02 * seen.sum()
+    if wrong.any():
+        lines.append(_disagree(off, wrong, numbers=numbers, unit=unit, allowed=allowed))
+    if lines:
+        return TimeZero(f"direct paths do not agree; {lines[0]}", nothing, tuple(lines))
+    return _common(middle, doubt, numbers=numbers, unit=unit)
+
+
+class _Unit(NamedTuple):
+    """Says lags in samples, ms and mm."""
+
+    sample_rate: float
+    speed: float
+
+    def __call__(self, lag: float) -> str:
+        seconds = lag / self.sample_rate
+        return f"{lag:.1f} samples ({1000 * seconds:.3g} ms)"
+
+
+def _middle(latency: Array) -> Array:
+    """Return the median microphone's latency of each recording, (P,), one that there is."""
+    ordered = np.sort(latency, axis=-1)
+    count = np.isfinite(latency).sum(axis=-1)
+    place = np.maximum(count - 1, 0) // 2
+    return np.take_along_axis(ordered, place[:, None], axis=-1)[:, 0]
+
+
+def _missing(direct: Direct, used: Array) -> Array:
+    """Tell which recordings have no direct path where it would be seen, shape (P,), bool.
+
+    It is as loud at every pose: what is 10 dB softer is something else.
+    """
+    height = np.where(used, np.abs(direct.height), np.nan)
+    with np.errstate(invalid="ignore"):
+        there = np.isfinite(height).any(axis=0)
+        usual = np.array(
+            [np.nanmedian(h) if t else 0.0 for h, t in zip(height.T, there, strict=True)]
+        )
+        visible = usual > LOUD * direct.noise
+        soft = ~(height > 0.3 * usual)
+    return visible.any(axis=-1) & ((visible & soft).sum(axis=-1) > visible.sum(axis=-1) / 2)
+
+
+def _disagree(
+    off: Array, wrong: Array, *, numbers: Sequence[int], unit: _Unit, allowed: float
+) -> str:
+    """Return the line on direct paths that do not agree with the others.
+
+    Args:
+        off: latency less that of the median microphone, shape (P, M).
+        wrong: those that are too far off, shape (P, M), bool.
+        numbers: `index` of each recording.
+        unit: says lags.
+        allowed: samples by which they may be off.
+    """
+    which = wrong.any(axis=0)
+    most = float(off[wrong][np.abs(off[wrong]).argmax()])
+    place = naming.recordings(numbers, wrong.any(axis=-1))
+    return (
+        f"direct path at {naming.microphones(which)}={unit(most)} off in {place}: must be within "
+        f"{allowed:.1f} samples of where geometry puts it beside the others; "
+        "is a channel delayed, or a position wrong?"
+    )
+
+
+def _common(latency: Array, doubt: Array, *, numbers: Sequence[int], unit: _Unit) -> TimeZero:
+    """Return what latencies (P,), each of all microphones, say together.
+
+    Args:
+        latency: NaN where it is not seen.
+        doubt: standard deviation at each microphone, shape (P, M).
+        numbers: `index` of each recording.
+        unit: says lags.
+    """
+    seen = np.isfinite(latency)
+    usual = float(np.median(latency[seen]))
+    best = np.array(
+        [np.nanmin(row) if there else 0.0 for row, there in zip(doubt, seen, strict=True)]
+    )
+    same = np.abs(latency - usual) <= np.maximum(2 * REST, 5 * best)
+    hidden = f"; {naming.recordings(numbers, ~seen)}: not measurable at this SNR"
+    hidden = "" if seen.all() else hidden
+    if same[seen].all():
+        late = rounded(np.full(len(latency), usual))
+        if not late.any():
+            return TimeZero(
+                f"time zero is right, within {unit(max(abs(usual), 0.05))}{hidden}", late
+            )
+        return TimeZero(f"all recordings begin {unit(usual)} late{hidden}", late)
+
+    lowest = unit(float(latency[seen].min()))
+    line = f"recordings begin {lowest} to {unit(float(latency[seen].max()))} late"
+    if not seen.all():
+        where = naming.recordings(numbers, ~seen)
+        lost = f"{line}, and how late {where} is not measurable at this SNR: must be known of each"
+        return TimeZero(line, np.zeros(len(latency)), (lost,))
+    return TimeZero(line, rounded(latency))
+
+
+def rounded(latency: Array) -> Array:
+    """Return latencies without a rest of at most `REST` beyond whole samples."""
+    whole = np.round(latency)
+    return np.where(np.abs(latency - whole) <= REST, whole, latency)
