@@ -113,15 +113,15 @@ def screen(facts: Facts) -> list[str]:
     """Return what the terminal shows, as lines."""
     lines = [facts.verdict, facts.because]
     lines += [f"{kind}: {line}" for _, kind, line in facts.lines]
-    lines += ["", *_table([HEADINGS, *_shown(facts.channels)])]
+    lines += ["", *_table([HEADINGS, *_shown(facts)])]
     lines += ["", *(f"{name:18}{value:>14}  {remark}" for name, value, remark in facts.figures)]
     return [*lines, UNSEEN]
 
 
-def _shown(channels: Sequence[Sequence[str]]) -> list[Sequence[str]]:
-    """Return some rows, those with something to say first."""
-    ordered = sorted(channels, key=lambda row: row[1] == "fine")
-    return ordered[:ROWS]
+def _shown(facts: Facts) -> list[Sequence[str]]:
+    """Return the rows of some microphones, those with something to say first."""
+    ordered = sorted(facts.channels, key=lambda channel: channel[0] == "fine")
+    return [row for _, row in ordered[:ROWS]]
 
 
 def _table(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -27,6 +27,9 @@ HEADINGS = (
 )
 """Columns of the table of microphones."""
 
+FINE = "fine"
+"""Verdict on a microphone of which there is nothing to say."""
+
 UNSEEN = (
     "What cannot be seen: samples lost after the direct path, where the loss leaves neither zeros "
     "nor a repeated block."
@@ -44,7 +47,7 @@ class Facts:
         because: line on what that rests on.
         lines: state and text of each finding.
         figures: name, value and remark of each quantity.
-        channels: row of texts for each microphone, as `HEADINGS`.
+        channels: state and a row of texts, as `HEADINGS`, of each microphone.
     """
 
     state: str
@@ -52,7 +55,7 @@ class Facts:
     because: str
     lines: Sequence[tuple[str, str, str]]
     figures: Sequence[tuple[str, str, str]]
-    channels: Sequence[Sequence[str]]
+    channels: Sequence[tuple[str, Sequence[str]]]
 
 
 def gather(survey: Survey, health: Health, refused: Sequence[str] = ()) -> Facts:
@@ -76,7 +79,7 @@ def gather(survey: Survey, health: Health, refused: Sequence[str] = ()) -> Facts
     return Facts(
         state,
         verdict,
-        f"time zero: {health.time_zero}",
+        health.time_zero,
         lines,
         _figures(survey, health),
         _channels(survey, health),
@@ -88,15 +91,15 @@ def _figures(survey: Survey, health: Health) -> list[tuple[str, str, str]]:
     rate = survey.probe.sample_rate
     late = middle(health.latency_samples)
     spread = extent(health.latency_samples)
-    clipped = health.clipping.max(axis=-1) > 0
+    clipped = 100 * float(health.clipping.max())
     return [
-        ("latency", number(late, "{:.1f} samples"), number(late / rate * 1e3, "{:.2f} ms")),
-        ("spread of latency", number(spread, "{:.1f} samples"), "over poses and microphones"),
+        ("latency", number(late, "{:z.1f} samples"), number(late / rate * 1e3, "{:z.2f} ms")),
+        ("spread of latency", number(spread, "{:z.1f} samples"), "over poses and microphones"),
         ("SNR", number(middle(health.snr_db), "{:.0f} dB"), _lowest(health)),
         ("noise floor", number(middle(health.noise_db), "{:.0f} dB"), "full scale is 0 dB"),
         ("hum", *_hum(health)),
         ("clock drift", number(health.clock_drift_ppm, "{:+.0f} ppm"), "recorder against player"),
-        ("clipped", f"{clipped.sum()} of {len(clipped)}", "poses with samples at the rails"),
+        ("clipped", number(clipped, "{:.1f} %"), "of a burst at the rails, at worst"),
         ("negative echoes", number(100 * health.negative_echoes, "{:.0f} %"), "of the strongest"),
     ]
 
@@ -116,8 +119,8 @@ def _hum(health: Health) -> tuple[str, str]:
     return number(float(health.hum_db.max()), "{:+.0f} dB"), f"{health.hum_hz:g} Hz, over the rest"
 
 
-def _channels(survey: Survey, health: Health) -> list[list[str]]:
-    """Return a row for each microphone: medians over the walk."""
+def _channels(survey: Survey, health: Health) -> list[tuple[str, list[str]]]:
+    """Return state and row of each microphone: medians over the walk."""
     late = over_poses(health.latency_samples, middle)
     gain = over_poses(health.direct_gain, middle)
     # In the free field the direct path falls with distance, which is no fault of a microphone.
@@ -125,17 +128,35 @@ def _channels(survey: Survey, health: Health) -> list[list[str]]:
     direct = 20 * np.log10(np.maximum(np.abs(gain) * away, 1e-15))
     direct -= middle(direct)
     columns = [
-        number_all(late, "{:+.1f}"),
-        number_all(late / survey.probe.sample_rate * 1e3, "{:+.2f}"),
+        number_all(late, "{:+z.1f}"),
+        number_all(late / survey.probe.sample_rate * 1e3, "{:+z.2f}"),
         [("-" if value < 0 else "+") if math.isfinite(value) else UNKNOWN for value in gain],
-        number_all(direct, "{:+.1f}"),
+        number_all(direct, "{:+z.1f}"),
         number_all(over_poses(health.level_db, middle), "{:.0f}"),
-        number_all(100 * over_poses(health.offset, middle), "{:+.2f}"),
+        number_all(100 * over_poses(health.offset, middle), "{:+z.2f}"),
         ["none" if level == -math.inf else number(level, "{:+.0f}") for level in health.hum_db],
         number_all(100 * health.clipping.max(axis=0), "{:.1f}"),
     ]
-    names = [str(microphone + 1) for microphone in range(len(survey.array))]
-    return [list(row) for row in zip(names, health.verdicts, *columns, strict=True)]
+    found = [_verdict(health, microphone) for microphone in range(len(survey.array))]
+    rows = zip(found, *columns, strict=True)
+    return [
+        (state, [str(place), verdict, *cells])
+        for place, ((state, verdict), *cells) in enumerate(rows, start=1)
+    ]
+
+
+def _verdict(health: Health, microphone: int) -> tuple[str, str]:
+    """Return the state of a microphone, counted from 0, and what there is to say of it."""
+    verdict = health.verdicts[microphone]
+    if verdict != FINE:
+        return "bad" if health.refused else "told", verdict
+    mending = health.mending
+    done = []
+    if mending is not None and mending.sign[microphone] < 0:
+        done.append("sign")
+    if mending is not None and mending.offset[:, microphone].any():
+        done.append("offset")
+    return ("told", f"mended: {', '.join(done)}") if done else ("fine", FINE)
 
 
 UNKNOWN = "?"

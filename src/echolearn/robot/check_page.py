@@ -93,8 +93,7 @@ def _channels(facts: Facts) -> str:
     """Return the table of microphones."""
     head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in HEADINGS)
     rows = []
-    for name, verdict, *cells in facts.channels:
-        state = "fine" if verdict == "fine" else "told"
+    for state, (name, verdict, *cells) in facts.channels:
         sign = f'<span class="sign" aria-hidden="true">{SIGNS[state]}</span>'
         row = f'<th scope="row">{name}</th><td class="{state}">{sign}{escape(verdict)}</td>'
         row += "".join(f"<td>{escape(cell)}</td>" for cell in cells)
