@@ -36,6 +36,7 @@ map -m survey=w bundle=b runs=a,b | None None
 map -m "survey='room (1)','room (2)'" bundle=b | None None
 map -m "survey='w (1)'" bundle=b resample=true,false | \
     w-(1)-b-resample_true w-(1)-b-resample_false
+check -m survey=mon/w,tue/w,v | w-survey_mon-w w-survey_tue-w None
 survey -m seed=0,1 | 8x6x5_0dB-seed_0 8x6x5_0dB-seed_1
 survey -m snr_db=0,-5 room=8x6x5,13x11x5 | 8x6x5_0dB 13x11x5_0dB 8x6x5_-5dB 13x11x5_-5dB
 survey -m snr_db=0,-5 room.t60=0.5,0.25 | \

@@ -1,6 +1,8 @@
 """What `check` says of a survey: a screen of text, and a page that holds everything itself."""
 
 import re
+import subprocess
+import sys
 from base64 import b64decode
 from collections.abc import Callable
 from functools import partial
@@ -215,3 +217,25 @@ def test_it_ends_with_1_where_map_would_refuse(
     assert f"refused: {refusal}" in said.out and "would refuse it" in said.err
     assert said.err.count("\n") == 1
     assert "must be at most 1 mm" in (tmp_path / "check" / "walk" / "check.html").read_text()
+
+
+ALONE = """
+import sys
+gone = "hydra omegaconf onnxruntime torch sklearn onnx matplotlib jinja2 soundfile rich rosbags"
+sys.modules.update(dict.fromkeys(gone.split()))
+from echolearn.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_it_runs_where_only_numpy_scipy_and_yaml_are(
+    folder: Path, checked: Examine, tmp_path: Path
+) -> None:
+    words = ["check", f"survey={folder}", "runs=alone"]
+    run = subprocess.run(
+        [sys.executable, "-c", ALONE, *words], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert (run.returncode, run.stderr) == (0, "")
+    assert run.stdout.endswith("alone/check/walk/check.html\n")
+    alone = tmp_path / "alone" / "check" / "walk" / "check.html"
+    assert alone.read_bytes() == checked().read_bytes()

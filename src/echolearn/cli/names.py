@@ -2,9 +2,9 @@
 
     jobs --default names--> those that meet --what differs between them--> names of their own
 
-A name that was given holds. Walks and maps whose usual names meet are named after what the sweep
-varies besides: `walk-best-resolution_0.02`. Other commands, whose tables and bundles have a name to
-be known by, leave that to whoever types: two jobs of one name are refused before the first.
+A name that was given holds. Walks, checks and maps whose usual names meet are named after what the
+sweep varies besides: `walk-best-resolution_0.02`. Other commands, whose tables and bundles have a
+name to be known by, leave that to whoever types: two jobs of one name are refused before the first.
 """
 
 import re
@@ -24,7 +24,7 @@ Job = tuple[str, dict[str, Any]]
 BY_CONTENT = ("generate", "train")
 """Commands that name their folders after all that goes into them."""
 
-BY_SWEEP = ("map", "survey")
+BY_SWEEP = ("check", "map", "survey")
 """Commands that name theirs after what a sweep varies, where usual names meet."""
 
 
@@ -32,7 +32,7 @@ def usual_name(command: str, config: Mapping[str, Any]) -> str:
     """Return the name of the folder that a job makes unless it is given another."""
     if config.get("name") is not None:
         return str(config["name"])
-    sources = ("survey", "bundle") if command == "map" else ("run", "best")
+    sources = {"map": ("survey", "bundle"), "check": ("survey",)}.get(command, ("run", "best"))
     return "-".join(Path(config[key]).resolve().name for key in sources if config.get(key))
 
 

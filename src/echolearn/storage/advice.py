@@ -25,6 +25,7 @@ PLACES = {
     "compare": "compare",
     "study": "study",
     "export": "bundles",
+    "check": "check",
     "map": "maps",
     "bench": "bench",
 }
