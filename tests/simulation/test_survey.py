@@ -2,9 +2,8 @@
 nobody else's."""
 
 import shutil
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -22,9 +21,8 @@ from echolearn.simulation.observe import observe
 from echolearn.simulation.survey import noise_length, survey
 from echolearn.simulation.walk import trajectory
 from echolearn.storage import manifests
-from echolearn.survey import audio, reader
+from echolearn.survey import reader
 from refusals import refused
-from world import coming_second
 
 ROOM = Room((5.0, 4.5, 3.0), 0.2)
 OTHERS = r"^name=few: .* was made with others, .*\Z"
@@ -101,14 +99,6 @@ def test_every_recording_is_that_of_its_pose(finished, brief):
         assert np.array_equal(samples, expected.astype(np.float32))
 
 
-def test_the_folder_is_whole(finished):
-    manifest = manifests.verify(finished)
-    files = set(contents(finished)) - {manifests.MANIFEST}
-    assert manifest["kind"] == "survey"
-    assert set(manifest["files"]) == files
-    assert {f"observations/{index:04d}.wav" for index in range(4)} < files
-
-
 def test_walking_again_gives_the_same_bytes(finished, walk, tmp_path):
     """Whatever a walk that was killed at its first file has left."""
     left = tmp_path / "survey" / "few" / ".simulated.json.0123456789ab.tmp"
@@ -135,14 +125,6 @@ def test_a_damaged_survey_is_named_and_made_again(finished, copy, walk, tmp_path
     assert contents(copy) == contents(finished)
 
 
-def test_damage_is_named_with_the_command_that_was_given(copy, walk, tmp_path):
-    for hint in ("make it again as it was made", "run again: echolearn survey name=few"):
-        (copy / "observations/0002.wav").unlink()
-        with pytest.raises(BadValue, match=f"; {hint}$"):
-            manifests.verify(copy)
-        walk(tmp_path, command="echolearn survey name=few")
-
-
 def test_an_unfinished_survey_is_finished(finished, copy, walk, tmp_path):
     for name in ("manifest.json", "survey.yaml", "observations/0003.wav"):
         (copy / name).unlink()
@@ -151,10 +133,9 @@ def test_an_unfinished_survey_is_finished(finished, copy, walk, tmp_path):
     assert contents(copy) == contents(finished)
 
 
-@pytest.mark.parametrize("damaged", [False, True])
-def test_other_settings_under_the_same_name_are_refused(copy, walk, brief, tmp_path, damaged):
-    if damaged:
-        (copy / "observations/0001.wav").write_bytes(b"half")
+def test_other_settings_under_the_same_name_are_refused(copy, walk, brief, tmp_path):
+    """Though it is damaged."""
+    (copy / "observations/0001.wav").write_bytes(b"half")
     before = contents(copy)
     for change in (
         {"snr_db": 6.0},
@@ -187,23 +168,6 @@ def test_other_settings_under_the_same_name_are_refused(copy, walk, brief, tmp_p
 def test_bad_walks_are_refused_before_anything_is_written(walk, tmp_path, change, message):
     with writes_nothing(tmp_path, message):
         walk(tmp_path, **change)
-
-
-def test_of_two_walks_at_once_the_second_is_refused_or_finds_the_first(
-    finished, walk, tmp_path, capfd
-):
-    for seed, runs in ((0, tmp_path / "same"), (1, tmp_path / "other")):
-        folder = runs / "survey" / "few"
-        refusing = pytest.raises(BadValue, match=OTHERS) if seed else nullcontext()
-        with refusing:
-            coming_second(
-                partial(walk, runs, seed=seed),
-                folder,
-                partial(copied, finished, runs),
-                lambda: capfd.readouterr().err,
-            )
-        assert contents(folder) == contents(finished)
-        assert [path.name for path in folder.parent.glob("[!.]*")] == ["few"]
 
 
 def test_recordings_of_another_origin_are_never_overwritten(walk, tmp_path):
@@ -277,39 +241,21 @@ def test_white_noise_is_recorded_alone_where_it_is_asked_for(walk, finished, tmp
         walk(tmp_path)
 
 
-@pytest.mark.parametrize(("seconds", "least"), [(0, 2.455), (5, 30.279)])
 def test_noise_of_a_recording_too_short_is_refused_before_anything_is_written(
-    walk, brief, tmp_path, seconds, least
+    walk, brief, tmp_path
 ):
-    """Six microphones take stretches one after the other, of 8 000 samples or 5 s, each with a
-    frame of 1 024."""
-    assert least == pytest.approx(6 * (max(8000, seconds * 22050) + 1024) / 22050, abs=1e-3)
+    """Six microphones take stretches one after the other, of 5 s, each with a frame of 1 024."""
     second = Recorded(np.sin(np.arange(22050)).astype(np.float32), 22050.0)
-    message = f"diffuse.source.path=1.00 s of sound: must be at least {least:.2f} s;"
+    message = "diffuse.source.path=1.00 s of sound: must be at least 30.28 s;"
     with writes_nothing(tmp_path, message):
         scene = replace(brief, diffuse=Diffuse(second))
-        walk(tmp_path, scene=scene, sdnr_db=0.0, noise_seconds=seconds)
+        walk(tmp_path, scene=scene, sdnr_db=0.0, noise_seconds=5)
 
 
 def test_noise_may_be_as_long_as_its_reader_takes_it(brief):
-    """Six microphones of 4 bytes at 22 050 Hz fill 64 MiB in 126.8 s; a recording of this probe
-    takes 0.3 s."""
-    rate = 22050
-    seconds = 64 * 2**20 / (4 * 6 * rate)
-    assert audio.longest(6) == pytest.approx(seconds * rate, rel=1e-4)
-    assert len(audio.wav_bytes(np.zeros((256, audio.longest(256))), 22050.0)) <= audio.LARGEST
-    assert noise_length(brief, 126.8) == 126.8 < seconds
-
-    long = replace(brief, probe=replace(brief.probe, length=3 * rate))
-    assert noise_length(long, 3.0) == 3.0
-    bounds = "must be 0 (none), or from"
-    with refused(f"noise_seconds=2.9 s: {bounds} 3 to 126.8 s of 6 microphones; noise"):
-        noise_length(long, 2.9)
-    longer = replace(brief, probe=replace(brief.probe, length=6 * rate), diffuse=Diffuse(Rotor()))
-    with refused(f"noise_seconds=5 s: {bounds} 6 to 126.8 s"):
+    """Six microphones of 4 bytes at 22 050 Hz fill 64 MiB in 126.8 s."""
+    assert noise_length(brief, 126.8) == 126.8
+    longer = replace(brief, probe=replace(brief.probe, length=6 * 22050), diffuse=Diffuse(Rotor()))
+    assert noise_length(longer, 6.0) == 6.0
+    with refused("noise_seconds=5 s: must be 0 (none), or from 6 to 126.8 s of 6 microphones; no"):
         noise_length(longer, None)
-
-
-def test_a_field_without_a_level_is_refused(walk, brief, tmp_path):
-    with writes_nothing(tmp_path, "sdnr_db=None: must be a level in dB, as the scene has diffuse"):
-        walk(tmp_path, scene=replace(brief, diffuse=Diffuse(Rotor())))
