@@ -20,8 +20,7 @@ from echolearn.comparison.compare import (
     load_inputs,
 )
 from echolearn.comparison.evaluate import against_baseline
-from echolearn.comparison.tables import pick
-from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings
+from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings, pick
 from echolearn.storage import manifests
 from echolearn.training.runs import load_runs
 from world import POSES, TRAINED, WALKS, World

@@ -125,9 +125,11 @@ def test_the_title_says_how_many_kept_points_are_true() -> None:
 
 
 def test_lines_over_snr_have_their_interval_and_colours_begin_anew() -> None:
-    axis = Figure().subplots()
-    figures.paint_line(axis, [row("-10", 0.6), row("0", 0.9)], label="a", number=0)
+    _, [axis] = figures.styled(figures.canvas)(1, width=4, height=3)
+    figures.paint_line(axis, [row("-10", 0.6), row("0", 0.9)], label="a")
     assert np.array_equal(np.array(axis.lines[0].get_data()), [[-10, 0], [0.6, 0.9]])
     edges = np.array(axis.collections[0].get_paths()[0].vertices)[:, 1]
     assert (edges.min(), edges.max()) == pytest.approx((0.5, 0.95))
-    assert len({figures.stroke(number)["color"] for number in range(30)}) == 8
+    for number in range(29):
+        figures.paint_line(axis, [row("0", 0.5)], label=str(number))
+    assert len({line.get_color() for line in axis.lines}) == 8

@@ -14,8 +14,8 @@ import pytest
 from echolearn.checks import BadValue
 from echolearn.comparison import choice, drawings, report
 from echolearn.comparison.choice import Comparison
-from echolearn.comparison.tables import pick, placed, unfiltered
-from echolearn.evaluation.rows import Row
+from echolearn.comparison.tables import placed, unfiltered
+from echolearn.evaluation.rows import Row, pick
 from echolearn.storage.marked_page import around
 from echolearn.training.predictions import predict_echoes
 

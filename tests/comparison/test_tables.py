@@ -9,7 +9,7 @@ import pytest
 
 from echolearn.comparison import choice, tables
 from echolearn.comparison.choice import Comparison
-from echolearn.comparison.tables import pick, pivot
+from echolearn.comparison.tables import pivot
 from echolearn.evaluation.rows import (
     SNR_BANDS_DB,
     LabelledRows,
@@ -17,6 +17,7 @@ from echolearn.evaluation.rows import (
     Model,
     Recordings,
     Row,
+    pick,
 )
 from echolearn.training.runs import Run
 from world import World

@@ -42,20 +42,22 @@ def headline(comparison: Comparison) -> str:
 
     That is one on a set made for training, if there is any, and rather on one that is tested, too.
     """
-    every = sorted({model.training for model in comparison.models})
-    known = [training for training in every if training in comparison.sets] or every
-    made_for_it = [training for training in known if comparison.roles.get(training) == "training"]
-    return (made_for_it or known)[0]
+
+    def order(model: Model) -> tuple[bool, bool, str]:
+        """Return what trainings are ranked by: whether tested, made for training, the name."""
+        made_for_it = comparison.roles.get(model.training) == "training"
+        return model.training not in comparison.sets, not made_for_it, model.training
+
+    return min(comparison.models, key=order).training
 
 
 def ranked(comparison: Comparison, training: str) -> list[Model]:
     """Return the models of a training, best balanced accuracy on validation rows first."""
-
-    def order(model: Model) -> tuple[float, str]:
-        """Return what runs are ranked by: mean on validation rows, then the name."""
-        return -mean(_validated(run) for run in comparison.models[model]), model.classifier
-
-    return sorted((one for one in comparison.models if one.training == training), key=order)
+    shares = {}
+    for model, runs in comparison.models.items():
+        if model.training == training:
+            shares[model] = mean(map(_validated, runs))
+    return sorted(shares, key=lambda model: (-shares[model], model.classifier))
 
 
 def chosen(comparison: Comparison) -> Model:

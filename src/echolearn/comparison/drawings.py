@@ -6,16 +6,8 @@ import numpy as np
 
 from echolearn.comparison import figures
 from echolearn.comparison.choice import Comparison, chosen, drawn, headline
-from echolearn.comparison.tables import (
-    away,
-    levels,
-    main_localizer,
-    pick,
-    pivot,
-    placed,
-    unfiltered,
-)
-from echolearn.evaluation.rows import Row
+from echolearn.comparison.tables import away, levels, main_localizer, pivot, placed, unfiltered
+from echolearn.evaluation.rows import Row, pick
 from echolearn.training.predictions import label_rows, predict_echoes, predict_rows
 
 Panels = dict[str, dict[str, list[Row]]]

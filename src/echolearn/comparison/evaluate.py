@@ -1,9 +1,8 @@
 """Evaluate all models on all sets and surveys, shared out among processes."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -61,28 +60,30 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
         resamples: bootstrap draws behind every interval.
         workers: processes; the result does not depend on their number.
     """
-    models, sets = inputs.models, inputs.sets
-    jobs: dict[Any, Future[Evaluation]] = {}
+    models = inputs.models
+    jobs = []
     with processes(workers) as pool:
-        for name, dataset in sets.items():
-            jobs[name] = pool.submit(evaluate_set, models, dataset.folder, resamples=resamples)
-        for name, (label, localizer) in product(inputs.surveys, inputs.localizers.items()):
-            jobs[name, label] = pool.submit(
-                evaluate_survey,
-                models,
-                inputs.surveys[name],
-                localizer=localizer,
-                name=label,
-                paired=label == next(iter(inputs.localizers)),
-                resamples=resamples,
-            )
-        waiting = track(list(jobs.values()), "evaluate", unit="sets and surveys")
+        for dataset in inputs.sets.values():
+            jobs.append(pool.submit(evaluate_set, models, dataset.folder, resamples=resamples))
+        main = next(iter(inputs.localizers), "")
+        for folder, (name, localizer) in product(
+            inputs.surveys.values(), inputs.localizers.items()
+        ):
+            given: Any = {"localizer": localizer, "name": name, "paired": name == main}
+            jobs.append(pool.submit(evaluate_survey, models, folder, resamples=resamples, **given))
+        waiting = track(jobs, "evaluate", unit="sets and surveys")
         done = [job.result() for job in waiting]
-    rows = [row for found in done for row in found.rows]
+    rows: list[Row] = []
+    tests: list[Row] = []
+    surveys = {}
+    for found in done:
+        rows += found.rows
+        tests += found.tests
+        if found.survey:
+            source = found.survey.labelled.source
+            surveys[source.tested_on, source.localizer] = found.survey
     # All tests of a family are corrected together, so only when all of them are known.
-    tests = pairs.correct(row for found in done for row in found.tests)
-    localized = {key: found.survey for key, found in zip(jobs, done, strict=True) if found.survey}
-    return Comparison(models, inputs.roles, sets, localized, rows, tests)
+    return Comparison(models, inputs.roles, inputs.sets, surveys, rows, pairs.correct(tests))
 
 
 def evaluate_set(models: Models, folder: Path, *, resamples: int) -> Evaluation:
@@ -98,15 +99,13 @@ def evaluate_set(models: Models, folder: Path, *, resamples: int) -> Evaluation:
     """
     dataset = Dataset(folder)
     labelled = label_rows(dataset, resamples=resamples)
-    trained_on = {run.data_digest for runs in models.values() for run in runs}
-    known = dataset.digest in trained_on
-    predictions = {}
-    for model, runs in models.items():
-        predictions[model] = [predict_rows(run, dataset, held_out=known) for run in runs]
+    runs = chain.from_iterable(models.values())
+    known = dataset.digest in {run.data_digest for run in runs}
+    predictions = predicted(models, lambda run: predict_rows(run, dataset, held_out=known))
     # Of the references chance alone has something to say about labels.
-    chance = {Model("chance"): [scoring.trivial_predictions(labelled.reference)["chance"]]}
+    references = scoring.trivial_predictions(labelled.reference)
     rows: list[Row] = []
-    for model, given in (predictions | chance).items():
+    for model, given in (predictions | {Model("chance"): [references["chance"]]}).items():
         rows.extend(scoring.score_labels(model, given, labelled=labelled))
     tests = [] if known else list(against_baseline(predictions, labelled, metric="auc"))
     return Evaluation(rows, tests)
@@ -132,20 +131,23 @@ def evaluate_survey(
         resamples: bootstrap draws.
     """
     survey = localize_survey(folder, localizer, name=name, resamples=resamples)
-    references = scoring.trivial_predictions(survey.labelled.reference)
-    predictions = {}
-    for model, runs in models.items():
-        predictions[model] = [predict_echoes(run, survey) for run in runs]
-    everyone = {Model(name): [given] for name, given in references.items()} | predictions
     rows: list[Row] = []
-    for model, each in everyone.items():
+    for name, given in scoring.trivial_predictions(survey.labelled.reference).items():
+        rows.extend(scoring.score_map(Model(name), [given], survey=survey))
+    predictions = predicted(models, lambda run: predict_echoes(run, survey))
+    for model, each in predictions.items():
         rows.extend(scoring.score_map(model, each, survey=survey))
-    if not (paired and survey.snr_db in SHOWN_DB):
-        return Evaluation(rows, [], survey)
-    tests = against_baseline(
-        predictions, survey.labelled, metric="balanced_accuracy", snr_db=survey.snr_db
-    )
+    about: Any = {"metric": "balanced_accuracy", "snr_db": survey.snr_db}
+    tested = paired and survey.snr_db in SHOWN_DB
+    tests = against_baseline(predictions, survey.labelled, **about) if tested else ()
     return Evaluation(rows, list(tests), survey)
+
+
+def predicted(
+    models: Models, predict: Callable[[Run], Predictions]
+) -> dict[Model, list[Predictions]]:
+    """Return what every run of each model predicts."""
+    return {model: list(map(predict, runs)) for model, runs in models.items()}
 
 
 def against_baseline(

@@ -4,24 +4,34 @@ Colours are those of Okabe and Ito, told apart by colour-blind readers; lines di
 well.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from io import StringIO
+from itertools import chain
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.rcsetup import cycler
 
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import metrics
-from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Predictions, Row
+from echolearn.evaluation.rows import (
+    LabelledRows,
+    LocalizedSurvey,
+    Predictions,
+    Row,
+    distinct,
+)
 
 BLACK, ORANGE, SKY, GREEN, BLUE, RED, PURPLE, GREY = (
     "#000000", "#e69f00", "#56b4e9", "#009e73", "#0072b2", "#d55e00", "#cc79a7", "#7f7f7f"
 )  # fmt: skip
 CYCLE = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
 MARKERS = "osD^vP*Xhd<>"
+INTERVAL = ("value", "ci_low", "ci_high")
+"""Columns of a figure and of both ends of its interval."""
 
 WOOD = "#c9a58d"
 """Colour of what is spurious or rejected, where it should not catch the eye."""
@@ -40,60 +50,65 @@ STYLE: Any = {
     "grid.color": "#e4e4e4",
     "grid.linewidth": 0.6,
     "legend.frameon": False,
+    # Colours and markers begin anew when they run out.
+    "axes.prop_cycle": cycler(color=3 * CYCLE, marker=list(2 * MARKERS)),
 }
 
 
-def draw(paint: Callable[[Figure], None], *, width: float, height: float) -> str:
-    """Return the SVG of a figure.
+styled = mpl.rc_context(STYLE)
+"""Decorator of what draws: a style counts when lines are made, and again when they are saved."""
+
+
+def canvas(
+    panels: int, *, width: float, height: float, columns: int = 0, **shared: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return an empty figure and its panels.
 
     Args:
-        paint: draws into the figure.
+        panels: number of panels.
         width, height: size in inches.
+        columns: panels beside each other; all of them unless given.
+        shared: what panels have in common, as `sharey=True`.
     """
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        paint(figure)
-        text = StringIO()
-        # A date or a version would give the same data other bytes.
-        about = {"Date": None, "Creator": None}
-        figure.savefig(text, format="svg", metadata=about, bbox_inches="tight")
+    figure = Figure(figsize=(width, height), layout="constrained")
+    columns = columns or panels
+    axes = figure.subplots(-(-panels // columns), columns, squeeze=False, **shared)
+    return figure, axes.ravel().tolist()
+
+
+def as_svg(figure: Figure, *, explained: Axes | None = None, columns: int = 4) -> str:
+    """Return a figure as SVG.
+
+    Args:
+        figure: what was drawn.
+        explained: panel whose lines are named below the figure; none if they are named elsewhere.
+        columns: names beside each other.
+    """
+    if explained is not None:
+        handles, labels = explained.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    text = StringIO()
+    # A date or a version would give the same data other bytes.
+    about = {"Date": None, "Creator": None}
+    figure.savefig(text, format="svg", metadata=about, bbox_inches="tight")
     return text.getvalue()
 
 
-def stroke(number: int) -> dict[str, Any]:
-    """Return colour and marker of line `number`; they begin anew when they run out."""
-    return {"color": CYCLE[number % len(CYCLE)], "marker": MARKERS[number % len(MARKERS)]}
-
-
-def legend_below(figure: Figure, axis: Axes, *, columns: int = 4) -> None:
-    """Explain the lines of an axis below the figure.
-
-    Args:
-        figure: drawing that gets the legend.
-        axis: panel whose curves are named.
-        columns: entries beside each other.
-    """
-    handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
-
-
+@styled
 def maps(panels: Sequence[Panel]) -> str:
     """Draw maps side by side, two in a row."""
     columns = 2
-    rows = -(-len(panels) // columns)
-    sides = [np.ptp(survey.corners, axis=0) for _, survey, _ in panels]
+    slopes = []
+    for _, survey, _ in panels:
+        across, along = np.ptp(survey.corners, axis=0)
+        slopes.append(along / across)
     # A row is as high as its steepest map, so that all are drawn to one scale.
-    slopes = [height / width for width, height in sides]
-    height = sum(max(slopes[row * columns : (row + 1) * columns]) for row in range(rows))
-
-    def paint(figure: Figure) -> None:
-        """Draw a panel for each map."""
-        axes = figure.subplots(rows, columns, squeeze=False).ravel()
-        for axis, (title, survey, kept) in zip(axes, panels, strict=False):
-            paint_map(axis, survey, title=title, kept=kept)
-        legend_below(figure, axes[0], columns=5)
-
-    return draw(paint, width=4.6 * columns, height=4.0 * height + 0.8 * rows + 0.8)
+    steepest = [max(slopes[first : first + columns]) for first in range(0, len(slopes), columns)]
+    height = 4.0 * sum(steepest) + 0.8 * len(steepest) + 0.8
+    figure, axes = canvas(len(panels), width=4.6 * columns, height=height, columns=columns)
+    for axis, (title, survey, kept) in zip(axes, panels, strict=False):
+        paint_map(axis, survey, title=title, kept=kept)
+    return as_svg(figure, explained=axes[0], columns=5)
 
 
 def paint_map(axis: Axes, survey: LocalizedSurvey, *, title: str, kept: Array) -> None:
@@ -107,30 +122,28 @@ def paint_map(axis: Axes, survey: LocalizedSurvey, *, title: str, kept: Array) -
     """
     true = survey.labelled.reference
     outline = np.vstack([survey.corners, survey.corners[:1]])
-    axis.plot(*survey.poses.T, color="#b5b5b5", linewidth=1.0, label="path", zorder=1)
-    axis.plot(*outline.T, color=BLACK, linewidth=2.0, label="wall", zorder=2)
-    cross: Any = {"marker": "x", "color": WOOD, "markersize": 4, "markeredgewidth": 0.9}
-    triangle: Any = {"marker": "^", "color": RED, "markersize": 5}
-    circle: Any = {"marker": "o", "color": BLUE, "markersize": 4}
+    points = survey.points
     # What matters most comes last, on top of the rest.
-    layers = {
-        "rejected": (~kept, cross),
-        "kept, spurious": (kept & ~true, triangle),
-        "kept, on a wall": (kept & true, circle),
-    }
-    for layer, (label, (shown, style)) in enumerate(layers.items(), start=3):
-        axis.plot(*survey.points[shown].T, linestyle="", label=label, zorder=layer, **style)
+    layers = (
+        ("path", survey.poses, "-", "#b5b5b5", 1.0),
+        ("wall", outline, "-", BLACK, 2.0),
+        ("rejected", points[~kept], "x", WOOD, 4.0),
+        ("kept, spurious", points[kept & ~true], "^", RED, 5.0),
+        ("kept, on a wall", points[kept & true], "o", BLUE, 4.0),
+    )
+    for order, (label, places, form, colour, size) in enumerate(layers, start=1):
+        about: Any = {"color": colour, "linewidth": size, "markersize": size, "zorder": order}
+        axis.plot(*places.T, form, label=label, **about)
     told = "no points"
     if kept.any():
-        told = f"{(kept & true).sum() / kept.sum():.0%} of {kept.sum()} points on a wall"
+        told = f"{true[kept].mean():.0%} of {kept.sum()} points on a wall"
     axis.set_title(f"{title}\n{told}", fontsize=9)
-    left, bottom = survey.corners.min(axis=0) - 0.6
-    right, top = survey.corners.max(axis=0) + 0.6
-    axis.set(aspect="equal", xlim=(left, right), ylim=(bottom, top))
-    axis.set(xlabel="x / m", ylabel="y / m")
+    across, along = np.transpose([outline.min(axis=0) - 0.6, outline.max(axis=0) + 0.6])
+    axis.set(aspect="equal", xlim=across, ylim=along, xlabel="x / m", ylabel="y / m")
     axis.grid(visible=False)
 
 
+@styled
 def over_snr(
     panels: Mapping[str, Mapping[str, Sequence[Row]]], *, ylabel: str, low: float = 0.0
 ) -> str:
@@ -141,96 +154,89 @@ def over_snr(
         ylabel: name of the metric.
         low: lower end of the axis.
     """
-
-    def paint(figure: Figure) -> None:
-        """Draw a panel for each room."""
-        axes = figure.subplots(1, len(panels), squeeze=False, sharey=True).ravel()
-        for axis, (title, lines) in zip(axes, panels.items(), strict=True):
-            for number, (label, rows) in enumerate(lines.items()):
-                rising = sorted(rows, key=lambda row: float(row["snr_db"]))
-                paint_line(axis, rising, label=label, number=number)
-            axis.set(title=title, xlabel="SNR / dB", ylim=(low, 1.03))
-        axes[0].set_ylabel(ylabel)
-        legend_below(figure, axes[0])
-
-    return draw(paint, width=max(4.6 * len(panels), 7.0), height=4.2)
+    width = max(4.6 * len(panels), 7.0)
+    figure, axes = canvas(len(panels), width=width, height=4.2, sharey=True)
+    for axis, (title, lines) in zip(axes, panels.items(), strict=True):
+        for label, rows in lines.items():
+            paint_line(axis, sorted(rows, key=lambda row: float(row["snr_db"])), label=label)
+        axis.set(title=title, xlabel="SNR / dB", ylim=(low, 1.03))
+    axes[0].set_ylabel(ylabel)
+    return as_svg(figure, explained=axes[0])
 
 
-def paint_line(axis: Axes, rows: Sequence[Row], *, label: str, number: int) -> None:
+def paint_line(axis: Axes, rows: Sequence[Row], *, label: str) -> None:
     """Draw one line with its interval as a band.
 
     Args:
         axis: where it is drawn.
         rows: rows of results.csv, by rising SNR.
         label: name of the line.
-        number: number of the line, for its stroke.
     """
-    x = np.array([row["snr_db"] for row in rows], dtype=float)
-    value, low, high = _figures(rows)
-    style = stroke(number)
-    axis.plot(x, value, markersize=4, label=label, **style)
-    axis.fill_between(x, low, high, color=style["color"], alpha=0.12, linewidth=0)
+    x, value, low, high = numbers(rows, "snr_db", *INTERVAL)
+    [line] = axis.plot(x, value, markersize=4, label=label)
+    axis.fill_between(x, low, high, color=line.get_color(), alpha=0.12, linewidth=0)
 
 
-def _figures(rows: Sequence[Row]) -> Array:
-    """Return value and both ends of the interval of each row, shape (3, rows)."""
-    cells = [(row["value"], row["ci_low"], row["ci_high"]) for row in rows]
-    return np.array(cells, dtype=float).reshape(-1, 3).T
+def numbers(rows: Sequence[Row], *columns: str) -> Array:
+    """Return what stands in columns of rows, shape (columns, rows)."""
+    return np.array([[row[name] for row in rows] for name in columns], dtype=float)
 
 
+def paint_intervals(axis: Axes, x: Any, rows: Sequence[Row], **style: Any) -> None:
+    """Draw a point for each row with its interval as a bar.
+
+    Args:
+        axis: where they are drawn.
+        x: where each stands, shape (rows,).
+        rows: rows with value and interval.
+        style: of the points, as matplotlib's `errorbar` takes it.
+    """
+    value, *ends = numbers(rows, *INTERVAL)
+    axis.errorbar(x, value, yerr=np.abs(ends - value), **style)
+
+
+@styled
 def bands(lines: Mapping[str, Sequence[Row]]) -> str:
     """Draw AUC by SNR band with intervals, a group of points per band.
 
     Args:
         lines: rows of results.csv with "low:high", by label.
     """
-
-    def paint(figure: Figure) -> None:
-        """Draw the curves over SNR bands."""
-        axis = figure.subplots()
-        names = list(dict.fromkeys(row["snr_db"] for rows in lines.values() for row in rows))
-        lowest = 0.5
-        for number, (label, rows) in enumerate(lines.items()):
-            # Side by side within the band, or intervals would hide each other.
-            beside = (number - len(lines) / 2) * 0.07
-            x = np.array([names.index(row["snr_db"]) for row in rows]) + beside
-            value, low, high = _figures(rows)
-            spread = np.abs([low - value, high - value])
-            about: Any = {"linestyle": "", "markersize": 4, "elinewidth": 1, "label": label}
-            axis.errorbar(x, value, yerr=spread, **about, **stroke(number))
-            lowest = min([lowest, *low])
-        axis.axhline(0.5, color=GREY, linestyle="--", linewidth=1)
-        axis.set_xticks(range(len(names)), [name.replace(":", " to ") + " dB" for name in names])
-        axis.set(ylabel="AUC", xlabel="SNR band", ylim=(lowest - 0.04, 1.02))
-        legend_below(figure, axis)
-
-    return draw(paint, width=9.2, height=4.4)
+    figure, [axis] = canvas(1, width=9.2, height=4.4)
+    names = distinct(chain.from_iterable(lines.values()), "snr_db")
+    lowest = 0.5
+    style = {"linestyle": "", "markersize": 4, "elinewidth": 1}
+    for number, (label, rows) in enumerate(lines.items()):
+        # Side by side within the band, or intervals would hide each other.
+        beside = (number - len(lines) / 2) * 0.07
+        x = [names.index(row["snr_db"]) + beside for row in rows]
+        paint_intervals(axis, x, rows, label=label, **style)
+        lowest = min([lowest, *numbers(rows, "ci_low")[0]])
+    axis.axhline(0.5, color=GREY, linestyle="--", linewidth=1)
+    axis.set_xticks(range(len(names)), [name.replace(":", " to ") + " dB" for name in names])
+    axis.set(ylabel="AUC", xlabel="SNR band", ylim=(lowest - 0.04, 1.02))
+    return as_svg(figure, explained=axis)
 
 
+@styled
 def belief(predictions: Mapping[str, Predictions], labelled: LabelledRows) -> str:
     """Draw precision-recall and reliability curves of several models on one labelled set."""
-
-    def paint(figure: Figure) -> None:
-        """Draw the two curves side by side."""
-        left, right = figure.subplots(1, 2)
-        for number, (label, given) in enumerate(predictions.items()):
-            reference = labelled.reference[given.rows]
-            precision, recall = metrics.pr_curve(reference, given.confidence)
-            mean, observed = metrics.reliability_curve(reference, given.confidence)
-            style = stroke(number)
-            left.plot(recall, precision, color=style["color"], label=label)
-            right.plot(mean, observed, markersize=4, label=label, **style)
-        left.axhline(labelled.reference.mean(), color=GREY, linestyle="--", linewidth=1)
-        left.set(title="precision and recall", xlabel="recall", ylabel="precision")
-        left.set(xlim=(0, 1.01), ylim=(0, 1.03))
-        right.plot([0, 1], [0, 1], color=GREY, linestyle="--", linewidth=1)
-        right.set(title="reliability", xlabel="mean confidence", ylabel="share of reflectors")
-        right.set(xlim=(0, 1), ylim=(0, 1))
-        legend_below(figure, left)
-
-    return draw(paint, width=9.2, height=4.4)
+    figure, [left, right] = canvas(2, width=9.2, height=4.4)
+    for label, given in predictions.items():
+        reference = labelled.reference[given.rows]
+        precision, recall = metrics.pr_curve(reference, given.confidence)
+        left.plot(recall, precision, "-", label=label)
+        right.plot(*metrics.reliability_curve(reference, given.confidence), markersize=4)
+    left.axhline(labelled.reference.mean(), color=GREY, linestyle="--", linewidth=1)
+    left.set(title="precision and recall", xlabel="recall", ylabel="precision")
+    left.set(xlim=(0, 1.01), ylim=(0, 1.03))
+    right.plot([0, 1], [0, 1], "--", color=GREY, linewidth=1)
+    right.set(title="reliability", xlabel="mean confidence", ylabel="share of reflectors")
+    right.set(xlim=(0, 1), ylim=(0, 1))
+    return as_svg(figure, explained=left)
 
 
+@styled
 def arrival_times(sets: Mapping[str, tuple[Array, Array]]) -> str:
     """Draw what a classifier that knows the TOA alone can learn: how labels depend on the TOA.
 
@@ -239,22 +245,14 @@ def arrival_times(sets: Mapping[str, tuple[Array, Array]]) -> str:
     """
     every = np.concatenate([toa for toa, _ in sets.values()])
     edges = np.linspace(every.min(), every.max(), 65)
-
-    def paint(figure: Figure) -> None:
-        """Draw a panel for each set."""
-        axes = figure.subplots(1, len(sets), squeeze=False, sharey=True).ravel()
-        for axis, (title, (toa, reflector)) in zip(axes, sets.items(), strict=True):
-            both = [toa[reflector], toa[~reflector]]
-            axis.hist(
-                both,
-                edges,
-                weights=[np.full(len(part), 1.0 / len(toa)) for part in both],
-                stacked=True,
-                label=["reflector", "spurious"],
-                color=[BLUE, WOOD],
-            )
-            axis.set(title=title, xlabel="estimated time of arrival / ms")
-        axes[0].set_ylabel("share of observations")
-        axes[0].legend(loc="upper right")
-
-    return draw(paint, width=4.6 * len(sets), height=3.0)
+    colours = {"reflector": BLUE, "spurious": WOOD}
+    figure, axes = canvas(len(sets), width=4.6 * len(sets), height=3.0, sharey=True)
+    for axis, (title, (toa, reflector)) in zip(axes, sets.items(), strict=True):
+        both = [toa[reflector], toa[~reflector]]
+        weights = [np.full(len(part), 1.0 / len(toa)) for part in both]
+        about: Any = {"label": list(colours), "color": list(colours.values())}
+        axis.hist(both, edges.tolist(), weights=weights, stacked=True, **about)
+        axis.set(title=title, xlabel="estimated time of arrival / ms")
+    axes[0].set_ylabel("share of observations")
+    axes[0].legend(loc="upper right")
+    return as_svg(figure)

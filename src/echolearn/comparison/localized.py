@@ -1,7 +1,7 @@
 """Localize a survey as one localizer does: its echoes, their columns, their points on the map."""
 
+from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from echolearn.acoustics.geometry import distance_to_outline
 from echolearn.acoustics.signals import joint_db
-from echolearn.acoustics.types import Echoes
 from echolearn.checks import BadValue, is_number
 from echolearn.evaluation import stats
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
@@ -40,19 +39,19 @@ def localize_survey(
             f"{folder}/survey.yaml: it has no walls; without the room's outline no map is evaluated"
         )
 
+    points = []
+    columns = defaultdict(list)
+    about: Any = {"array": survey.array, "speed_of_sound": survey.speed_of_sound}
     # Recordings are localized in blocks, because those of a long walk would not fit into memory.
-    found = [localize(survey.observe(block), localizer) for block in reader.blocks(survey)]
-    parts = {}
-    for field in fields(Echoes):
-        parts[field.name] = np.concatenate([getattr(echoes, field.name) for echoes, _ in found])
-    columns = {}
-    for key in found[0][1]:
-        columns[key] = np.concatenate([block[key] for _, block in found])
+    for block in reader.blocks(survey):
+        echoes, found = localize(survey.observe(block), localizer)
+        placed = echo_map(echoes, survey.poses[block.start : block.stop], **about)
+        points.append(placed.points)
+        for key, column in found.items():
+            columns[key].append(column)
 
     # An echo is true if its point lies on a wall: time and direction must both be right.
-    placed = echo_map(
-        Echoes(**parts), survey.poses, array=survey.array, speed_of_sound=survey.speed_of_sound
-    )
+    every = np.concatenate(points)
     poses = np.repeat(np.arange(len(survey.poses)), localizer.echoes)
     labelled = LabelledRows(
         Recordings(
@@ -62,12 +61,14 @@ def localize_survey(
             room=_room(survey.conditions, Path(folder).name),
             localizer=name,
         ),
-        reference=distance_to_outline(placed.points, survey.walls) <= MAP_TOLERANCE,
+        reference=distance_to_outline(every, survey.walls) <= MAP_TOLERANCE,
         groups=poses,
         joint_snr_db=np.full(len(poses), _joint_snr_db(survey.conditions)),
         weights=stats.cluster_weights(poses, resamples=resamples),
     )
-    return LocalizedSurvey(labelled, placed.points, placed.poses, survey.walls, columns)
+    places = np.array([survey.poses[pose].position[:2] for pose in poses])
+    joined = {key: np.concatenate(parts) for key, parts in columns.items()}
+    return LocalizedSurvey(labelled, every, places, survey.walls, joined)
 
 
 def _room(conditions: Mapping[str, Any], name: str) -> str:

@@ -5,6 +5,7 @@ what their columns say, `pivot` spreads them over lines and cells.
 """
 
 from collections.abc import Iterable, Sequence
+from operator import attrgetter, itemgetter
 from statistics import mean, stdev
 from typing import Any
 
@@ -16,7 +17,9 @@ from echolearn.evaluation.rows import (
     SNR_BANDS_DB,
     LocalizedSurvey,
     Row,
+    distinct,
     in_band,
+    pick,
 )
 
 SHOWN_DB = ("0", "-5", "-10")
@@ -24,15 +27,6 @@ SHOWN_DB = ("0", "-5", "-10")
 
 Table = dict[tuple[Any, ...], dict[Any, Row]]
 """Lines by what tells them from each other; in each its cells, likewise."""
-
-
-def pick(rows: Iterable[Row], **wanted: Any) -> list[Row]:
-    """Return the rows whose columns equal `wanted`; a tuple allows several values."""
-    found = list(rows)
-    for key, value in wanted.items():
-        allowed = value if isinstance(value, tuple) else (value,)
-        found = [row for row in found if row[key] in allowed]
-    return found
 
 
 def pivot(rows: Iterable[Row], *, lines: Sequence[str], cells: str) -> Table:
@@ -56,13 +50,15 @@ def placed(rows: Iterable[Row], surveys: Iterable[LocalizedSurvey]) -> list[Row]
     Surveys of one room stand together, told from each other by their SNR; where that is not
     enough, those of one room and noise; else each stands for itself.
     """
-    recorded = {survey.labelled.source: survey.snr_db for survey in surveys}
-    places = {"": ""}
+    recorded = {survey.labelled.source.tested_on: survey for survey in surveys}
+    places: dict[str, str] = {}
     # The shortest title is taken that leaves no two surveys one cell.
     for title in ("{0.room}", "{0.room}, {0.noise}", "{0.tested_on}"):
-        places = {source.tested_on: title.format(source) for source in recorded}
-        cells = {(places[source.tested_on], snr_db) for source, snr_db in recorded.items()}
-        if len(cells) == len(places):
+        cells = set()
+        for name, survey in recorded.items():
+            places[name] = title.format(survey.labelled.source)
+            cells.add((places[name], survey.snr_db))
+        if len(cells) == len(recorded):
             break
     return [row | {"place": places.get(row["tested_on"], "")} for row in rows]
 
@@ -86,22 +82,21 @@ def main_localizer(comparison: Comparison) -> str:
 
 def away(comparison: Comparison) -> str:
     """Return the set whose curves are drawn: the first made for testing, or the last one."""
-    names = list(comparison.sets)
-    made_for_it = [
-        name for name in names if comparison.sets[name].manifest["plan"]["role"] == "test"
-    ]
-    return (made_for_it or names[-1:])[0]
+    for name, dataset in comparison.sets.items():
+        if dataset.manifest["plan"]["role"] == "test":
+            return name
+    return list(comparison.sets)[-1]
 
 
 def unseen(comparison: Comparison, training: str) -> bool:
     """Tell whether no survey was made in a room of the training set, if that is among the sets."""
     if training not in comparison.sets:
         return False
-    sizes = comparison.sets[training]["room"][:, :2].round(6)
-    trained = {tuple(size) for size in sizes.tolist()}
-    corners = (survey.corners for survey in comparison.surveys.values())
-    mapped = {tuple(np.ptp(each, axis=0).round(6).tolist()) for each in corners}
-    return not trained & mapped
+    trained = comparison.sets[training]["room"][:, :2]
+    for survey in comparison.surveys.values():
+        if np.isclose(trained, np.ptp(survey.corners, axis=0)).all(axis=1).any():
+            return False
+    return True
 
 
 def gather(comparison: Comparison) -> dict[str, Any]:
@@ -123,7 +118,7 @@ def gather(comparison: Comparison) -> dict[str, Any]:
         "sets": [describe_set(name, dataset) for name, dataset in comparison.sets.items()],
         "bands": [f"{low} to {high}" for low, high in SNR_BANDS_DB],
         "rooms": map_tables(here + [row | {"metric": "test"} for row in tests], comparison),
-        "names": list(dict.fromkeys(row["classifier"] for row in here)),
+        "names": distinct(here, "classifier"),
         "localizer": main_localizer(comparison),
         "unseen": unseen(comparison, source),
         "worst": worst_test_set(here),
@@ -143,17 +138,16 @@ def gather(comparison: Comparison) -> dict[str, Any]:
 def describe_set(name: str, dataset: Dataset) -> dict[str, Any]:
     """Return what the table of sets shows: sizes, labels, how often the TOA is right by SNR."""
     reflector = dataset["reflector"]
-    snr_db = dataset.ratio_db
     right = []
     for low, high in SNR_BANDS_DB:
-        inside = in_band(snr_db, low=low, high=high)
-        right.append(float(reflector[inside].mean()) if inside.any() else float("nan"))
+        inside = in_band(dataset.ratio_db, low=low, high=high)
+        right.append(reflector[inside].mean() if inside.any() else None)
     return {
         "name": name,
         "rows": len(dataset),
         "positions": len(np.unique(dataset["group"])),
-        "reflector": float(reflector.mean()),
-        "on_map": float(dataset["on_map"].mean()),
+        "reflector": reflector.mean(),
+        "on_map": dataset["on_map"].mean(),
         "right": right,
         "digest": dataset.digest,
     }
@@ -176,36 +170,35 @@ def map_tables(rows: Iterable[Row], comparison: Comparison) -> dict[str, dict[st
     """
     localizer = main_localizer(comparison)
     maps = pick(rows, kind="survey", localizer=localizer)
-    rooms: dict[str, dict[str, Any]] = {}
-    for row in unfiltered(maps):
-        if row["place"] in rooms:
-            continue
-        survey = comparison.surveys[row["tested_on"], localizer]
+    rooms = {}
+    for place in distinct(maps, "place"):
+        here = pick(maps, place=place)
         tables = {}
         for level in levels(comparison):
-            here = pick(maps, place=row["place"], snr_db=level)
-            if here:
-                tables[level] = pivot(here, lines=("classifier", "role"), cells="metric")
+            table = pivot(pick(here, snr_db=level), lines=("classifier", "role"), cells="metric")
+            if table:
+                tables[level] = table
+        survey = comparison.surveys[here[0]["tested_on"], localizer]
         poses = len(np.unique(survey.labelled.groups))
-        known = {"poses": poses, "attainable": survey.attainable, "tables": tables}
-        rooms[row["place"]] = known
+        rooms[place] = {"poses": poses, "attainable": survey.attainable, "tables": tables}
     return rooms
 
 
 def worst_test_set(rows: Iterable[Row]) -> dict[str, Row]:
     """Return each model's lowest AUC over the sets made for testing."""
-    aucs = pick(rows, kind="set", set_role="test", metric="auc", snr_db="")
-    worst = {}
-    for (classifier,), cells in pivot(aucs, lines=("classifier",), cells="tested_on").items():
-        worst[classifier] = min(cells.values(), key=lambda row: row["value"])
+    worst: dict[str, Row] = {}
+    for row in pick(rows, kind="set", set_role="test", metric="auc", snr_db=""):
+        known = worst.setdefault(row["classifier"], row)
+        if row["value"] < known["value"]:
+            worst[row["classifier"]] = row
     return worst
 
 
 def generalisation(rows: Iterable[Row]) -> Table:
     """Return AUC by what was trained on (and how) and on which set it was tested."""
     aucs = pick(rows, kind="set", metric="auc", snr_db="")
-    table = pivot(aucs, lines=("training", "split", "classifier"), cells="tested_on")
-    return dict(sorted(table.items(), key=lambda line: line[0][0]))
+    in_turn = sorted(aucs, key=itemgetter("training"))
+    return pivot(in_turn, lines=("training", "split", "classifier"), cells="tested_on")
 
 
 def leak(rows: Iterable[Row]) -> Table:
@@ -219,7 +212,7 @@ def leak(rows: Iterable[Row]) -> Table:
 def protocol(comparison: Comparison) -> list[dict[str, Any]]:
     """Return each model's own test and cross-validation figures: the paper's protocol."""
     lines = []
-    for model in sorted(comparison.models, key=lambda model: (model.training, model.classifier)):
+    for model in sorted(comparison.models, key=attrgetter("training", "classifier")):
         figures = [run.metrics for run in comparison.models[model]]
         line: dict[str, Any] = model._asdict() | {"training": model.training}
         line |= {"rows": figures[0]["rows"], "spread": None, "folds": None}

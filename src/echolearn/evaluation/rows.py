@@ -165,6 +165,20 @@ def in_band(snr_db: Array, *, low: float, high: float) -> Array:
     return (snr_db >= low) & below
 
 
+def pick(rows: Iterable[Row], **wanted: Any) -> list[Row]:
+    """Return the rows whose columns equal `wanted`; a tuple allows several values."""
+    found = list(rows)
+    for key, value in wanted.items():
+        allowed = value if isinstance(value, tuple) else (value,)
+        found = [row for row in found if row[key] in allowed]
+    return found
+
+
+def distinct(rows: Iterable[Row], key: str) -> list[Any]:
+    """Return what stands in a column, each once, in the order of the rows."""
+    return list(dict.fromkeys(row[key] for row in rows))
+
+
 def to_csv(rows: Iterable[Row], columns: Sequence[str]) -> bytes:
     """Return rows as CSV text; floats to 6 decimals in shortest form, NaN empty."""
     text = StringIO()

@@ -3,22 +3,25 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.transforms import offset_copy
 
-from echolearn.comparison.figures import CYCLE, GREY, MARKERS, draw
-from echolearn.evaluation.rows import to_csv
+from echolearn.comparison.figures import (
+    CYCLE,
+    GREY,
+    INTERVAL,
+    MARKERS,
+    as_svg,
+    canvas,
+    paint_intervals,
+    styled,
+)
+from echolearn.evaluation.rows import Row, distinct, pick, to_csv
 
 FORMAT = 6
 """Version of the files; part of a study's identity."""
 
 COLOURS = CYCLE[:-1]  # grey is chance's
-SHARE = ("value", "ci_low", "ci_high")
-"""Columns of a share with its interval."""
-
-Row = dict[str, Any]
 
 AXIS = {
     "snr_db": "SNR / dB",
@@ -59,17 +62,7 @@ def study_files(name: str, *, vary: str, rows: Sequence[Row]) -> dict[str, bytes
 
 def columns(vary: str) -> list[str]:
     """Return the columns of `study.csv`."""
-    return ["localizer", vary, "metric", *SHARE, "n"]
-
-
-def distinct(rows: Sequence[Row], key: str) -> list[Any]:
-    """Return the values in a column, each once, in their order."""
-    return list(dict.fromkeys(row[key] for row in rows))
-
-
-def picked(rows: Sequence[Row], **wanted: Any) -> list[Row]:
-    """Return the rows with these values."""
-    return [row for row in rows if wanted.items() <= row.items()]
+    return ["localizer", vary, "metric", *INTERVAL, "n"]
 
 
 def shares_in_percent(name: str, *, vary: str, rows: Sequence[Row]) -> str:
@@ -86,7 +79,7 @@ def shares_in_percent(name: str, *, vary: str, rows: Sequence[Row]) -> str:
         text += ["", f"**{title}**, by {AXIS[vary]}", ""]
         text += [f"| | {' | '.join(map(str, values))} |", "|---" * (len(values) + 1) + "|"]
         for localizer in distinct(rows, "localizer"):
-            own = picked(rows, localizer=localizer, metric=metric)
+            own = pick(rows, localizer=localizer, metric=metric)
             text.append(
                 " | ".join([f"| {localizer}", *(f"{100 * row['value']:.0f}" for row in own)]) + " |"
             )
@@ -94,6 +87,7 @@ def shares_in_percent(name: str, *, vary: str, rows: Sequence[Row]) -> str:
     return "\n".join(text) + "\n"
 
 
+@styled
 def draw_metrics(metrics: Sequence[str], *, vary: str, rows: Sequence[Row]) -> str:
     """Draw metrics side by side, a line per localizer with its interval; chance is dashed.
 
@@ -102,19 +96,12 @@ def draw_metrics(metrics: Sequence[str], *, vary: str, rows: Sequence[Row]) -> s
         vary: what was varied.
         rows: those of `study.csv`.
     """
-
-    def paint(figure: Figure) -> None:
-        """Draw the curves of one metric."""
-        panels = figure.subplots(1, len(metrics), sharey=True)
-        for letter, axis, metric in zip("abcd", panels, metrics, strict=False):
-            paint_metric(axis, vary=vary, rows=picked(rows, metric=metric))
-            title = f"{letter}) {TITLES[metric]}"
-            axis.set(title=title, xlabel=AXIS[vary], ylim=(-0.02, 1.03))
-        panels[0].set_ylabel("share of recordings")
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=5)
-
-    return draw(paint, width=9.2, height=4.4)
+    figure, axes = canvas(len(metrics), width=9.2, height=4.4, sharey=True)
+    for letter, axis, metric in zip("ab", axes, metrics, strict=True):
+        paint_metric(axis, vary=vary, rows=pick(rows, metric=metric))
+        axis.set(title=f"{letter}) {TITLES[metric]}", xlabel=AXIS[vary], ylim=(-0.02, 1.03))
+    axes[0].set_ylabel("share of recordings")
+    return as_svg(figure, explained=axes[0], columns=5)
 
 
 def paint_metric(axis: Axes, *, vary: str, rows: Sequence[Row]) -> None:
@@ -129,25 +116,22 @@ def paint_metric(axis: Axes, *, vary: str, rows: Sequence[Row]) -> None:
     x = range(len(values)) if vary == "fault" else values
     names = distinct(rows, "localizer")
     # Shifted lines set no limits of the axis, so an invisible one does.
-    axis.plot(x, np.zeros(len(values)), linestyle="none")
+    axis.plot(x, [0] * len(values), " ")
     for number, name in enumerate(names):
-        own = picked(rows, localizer=name)
-        shares = np.array([[row[key] for key in SHARE] for row in own])
-        bars = np.abs(shares[:, 1:] - shares[:, :1]).T
         style = line_style(number) if number < len(names) - 1 else CHANCE_STYLE
         if vary in SEPARATE:
-            style = style | {"linestyle": "none", "marker": style.get("marker", "_")}
+            style = style | {"linestyle": "none", "marker": style["marker"] or "_"}
         # Equal shares stand side by side, a point (1/72 inch) apart.
         aside = number - (len(names) - 1) / 2
         place = offset_copy(axis.transData, axis.get_figure(root=True), x=aside, units="points")
-        axis.errorbar(x, shares[:, 0], yerr=bars, label=name, transform=place, **style)
+        paint_intervals(axis, x, pick(rows, localizer=name), label=name, transform=place, **style)
     if vary == "pings":
         axis.set_xscale("log", base=2)
     if vary in ("pings", "fault"):
         axis.set_xticks(x, [str(value).replace("_", " ") for value in values])
 
 
-CHANCE_STYLE: dict[str, Any] = {"color": GREY, "linestyle": "--", "elinewidth": 0.7}
+CHANCE_STYLE: dict[str, Any] = {"color": GREY, "linestyle": "--", "marker": "", "elinewidth": 0.7}
 
 
 def line_style(number: int) -> dict[str, Any]:

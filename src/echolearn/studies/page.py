@@ -8,9 +8,11 @@ import csv
 import shlex
 from pathlib import Path
 
+from echolearn.comparison.figures import INTERVAL
+from echolearn.evaluation.rows import Row, distinct, pick
 from echolearn.storage import files, manifests
 from echolearn.storage.marked_page import Markers, around, write_between
-from echolearn.studies.curves import FIGURES, SHARE, Row, distinct, picked
+from echolearn.studies.curves import FIGURES
 
 STATEMENTS = {
     "paper_snr": (
@@ -78,12 +80,12 @@ def section(table: Path, *, vary: str, command: str) -> str:
     ]
     if len(distinct(rows, vary)) == 1:
         # A single value makes no figure: its shares are few enough to be read.
-        own = picked(rows, metric="on_map")
+        own = pick(rows, metric="on_map")
         shares = ", ".join(f"`{row['localizer']}` {in_percent(row)}" for row in own)
         text.append(f"Map points on a wall, in %: {shares}.")
     lines = ["| the paper (V-B) | found, in % |", "|---|---|"]
     for statement, localizer, metric, values in STATEMENTS.get(name, ()):
-        own = picked(rows, localizer=localizer, metric=metric)
+        own = pick(rows, localizer=localizer, metric=metric)
         found = "; ".join(
             f"at {row[vary]}: {in_percent(row)}" for row in own if row[vary] in values
         )
@@ -93,5 +95,5 @@ def section(table: Path, *, vary: str, command: str) -> str:
 
 def in_percent(row: Row) -> str:
     """Return a share with its interval in per cent."""
-    value, low, high = (100 * float(row[key]) for key in SHARE)
+    value, low, high = (100 * float(row[key]) for key in INTERVAL)
     return f"{value:.3g} [{low:.3g}, {high:.3g}]"

@@ -20,6 +20,7 @@ from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check, check_name, check_whole
 from echolearn.evaluation import stats
+from echolearn.evaluation.rows import Row
 from echolearn.runtime.processes import processes
 from echolearn.runtime.progress import track
 from echolearn.storage import manifests
@@ -166,7 +167,7 @@ def evaluate_position(
     return np.stack(shares, axis=1)
 
 
-def accuracy_rows(study: Study, folder: Path, *, resamples: int) -> list[curves.Row]:
+def accuracy_rows(study: Study, folder: Path, *, resamples: int) -> list[Row]:
     """Return the share of each metric with its interval, one row per value, localizer and metric.
 
     Args:
