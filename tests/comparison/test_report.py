@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from echolearn.checks import BadValue
-from echolearn.comparison import choice, drawings, report
+from echolearn.comparison import choice, drawings, figures, report
 from echolearn.comparison.choice import Comparison
 from echolearn.comparison.tables import placed, unfiltered
 from echolearn.evaluation.rows import Row, pick
@@ -147,17 +147,27 @@ def test_the_same_comparison_gives_the_same_report(files: dict[str, bytes], comp
 
 
 def test_maps_are_drawn_before_and_after_the_filter(
-    comparison: Comparison, rows: list[Row]
+    comparison: Comparison, rows: list[Row], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before, after = drawings.panels(comparison, rows, snr_db="-10")
+    drawn: list[Any] = []
+    paint = figures.paint_map
+
+    def noted(axis: Any, *given: Any, **about: Any) -> None:
+        drawn.append((given, about))
+        paint(axis, *given, **about)
+
+    monkeypatch.setattr(figures, "paint_map", noted)
+    drawings.filtered(comparison, rows, snr_db="-10")
     survey = comparison.surveys["hall_-10dB", "gated"]
     best = choice.chosen(comparison)
-    assert before[1] is survey and after[1] is survey
-    assert before[0] == "6x5x4 m, SNR -10 dB: every estimate"
-    assert after[0] == f"6x5x4 m, SNR -10 dB: filtered by {best.classifier}"
-    assert before[2].all() and not after[2].all()
-    given = predict_echoes(comparison.models[best][0], survey)
-    assert np.array_equal(after[2], given.confidence >= given.threshold)
+    predicted = predict_echoes(comparison.models[best][0], survey)
+    kept = predicted.confidence >= predicted.threshold
+    ways = ("every estimate", kept | True), (f"filtered by {best.classifier}", kept)
+    for (given, about), (told, expected) in zip(drawn, ways, strict=True):
+        assert given == (survey,)
+        assert about["title"] == f"6x5x4 m, SNR -10 dB: {told}"
+        assert np.array_equal(about["kept"], expected)
+    assert kept.any() and not kept.all()
 
 
 def test_quality_is_drawn_over_snr_with_the_main_localizer(

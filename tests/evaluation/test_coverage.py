@@ -9,16 +9,14 @@ CORNERS = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
 # Near the south wall; the east wall; none; the west wall (the south is nearer than 1 m).
 POSES = np.array([[4.0, 1.5], [6.5, 3.0], [4.0, 3.0], [1.2, 0.8]])
 FEET = np.array([[4.0, 0.0], [8.0, 3.0], [0.0, 0.8]])
-ALL = np.full(3, True)
-NOTHING = ~ALL
 
 
-def covered(points, kept=ALL, poses=POSES):
-    return coverage.wall_coverage(CORNERS, points, kept=kept, poses=poses)
+def covered(points, poses=POSES):
+    return coverage.of_walls(CORNERS, points, poses=poses)["wall_coverage"]
 
 
-def distance(points, kept=ALL, poses=POSES):
-    return coverage.nearest_neighbour_error(CORNERS, points, kept=kept, poses=poses)
+def distance(points, poses=POSES):
+    return coverage.of_walls(CORNERS, points, poses=poses)["nearest_neighbour_error"]
 
 
 def test_samples_divide_every_wall():
@@ -49,11 +47,11 @@ def test_attainable_is_a_share_of_poses():
 def test_coverage_by_hand():
     """Each foot reaches 0.5 m of wall, ten pieces; a point 0.2 m aside covers six of its ten."""
     assert covered(FEET) == 1.0
-    assert covered(FEET, kept=np.array([True, True, False])) == pytest.approx(2 / 3)
+    assert covered(FEET[:2]) == pytest.approx(2 / 3)
     aside = FEET + [[0.2, 0], [0, 0], [0, 0]]
-    assert covered(aside, kept=np.array([True, True, False])) == pytest.approx((0.6 + 1) / 3)
+    assert covered(aside[:2]) == pytest.approx((0.6 + 1) / 3)
     assert covered(FEET + 2.0) == 0.0
-    assert covered(FEET, kept=NOTHING) == 0.0
+    assert covered(FEET[:0]) == 0.0
 
 
 def test_nearest_neighbour_error_by_hand():
@@ -61,20 +59,19 @@ def test_nearest_neighbour_error_by_hand():
     along = np.array([0.025, 0.075, 0.125, 0.175, 0.225])
     forward = np.hypot(0.3, 0.025)
     backward = np.hypot(0.3, along).mean()
-    found = distance(np.array([[4.0, 0.3]]), kept=ALL[:1], poses=POSES[:1])
+    found = distance(np.array([[4.0, 0.3]]), POSES[:1])
     assert found == pytest.approx((forward + backward) / 2)
 
 
 def test_both_directions_count():
     """A wall that is lost counts, and so does a point that is spurious."""
-    feet, poses, both = FEET[:2], POSES[:2], ALL[:2]
-    assert distance(feet, both, poses) < 0.1
-    assert distance(feet, np.array([True, False]), poses) > 1.0
-    assert distance(feet * [[1, 1], [0, 1]], both, poses) > 1.0
+    assert distance(FEET[:2], POSES[:2]) < 0.1
+    assert distance(FEET[:1], POSES[:2]) > 1.0
+    assert distance(FEET[:2] * [[1, 1], [0, 1]], POSES[:2]) > 1.0
 
 
 def test_what_is_undefined_is_nan():
-    assert np.isnan(distance(FEET, kept=NOTHING))
+    assert np.isnan(distance(FEET[:0]))
     for nowhere in (POSES[2:3], POSES[:0]):
-        assert np.isnan(covered(FEET, poses=nowhere))
-        assert np.isnan(distance(FEET, poses=nowhere))
+        assert np.isnan(covered(FEET, nowhere))
+        assert np.isnan(distance(FEET, nowhere))

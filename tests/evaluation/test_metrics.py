@@ -50,12 +50,6 @@ def test_the_filter_keeps_from_the_threshold_on():
     assert metrics.kept(np.array([0.49, 0.5, 0.51]), 0.5).tolist() == [False, True, True]
 
 
-def test_pr_curve_by_hand():
-    precision, recall = metrics.pr_curve(REFERENCE, CONFIDENCE)
-    np.testing.assert_allclose(precision, [1, 1, 2 / 3, 3 / 5, 4 / 6, 4 / 7, 4 / 8])
-    np.testing.assert_allclose(recall, [1 / 4, 2 / 4, 2 / 4, 3 / 4, 1, 1, 1])
-
-
 def test_reliability_by_hand():
     """A bin holds its lower edge, the last one its upper, too; empty bins are NaN."""
     reference = np.array([False, True, True, True])
@@ -231,16 +225,3 @@ def test_weighted_map_has_a_value_for_each_set_of_weights():
     assert set(evaluated()) - set(found) == {"wall_coverage", "nearest_neighbour_error"}
     assert found["precision"] == pytest.approx([2 / 3, 1.0])
     assert found["error_mean"] == pytest.approx([0.15, 0.05])
-
-
-def test_a_map_turned_with_its_room_has_the_same_figures():
-    cos, sin = np.cos(0.7), np.sin(0.7)
-    turn = np.array([[cos, sin], [-sin, cos]])
-    shift = np.array([3.0, -2.0])
-    # At the tolerance itself rounding would decide.
-    points = POINTS + np.array([[0, 0], [0.02, 0], [0, 0], [0, 0]])
-    here = map_metrics.evaluate_map(CORNERS, points, **MAP)
-    turned = MAP | {"poses": POSES @ turn + shift}
-    there = map_metrics.evaluate_map(CORNERS @ turn + shift, points @ turn + shift, **turned)
-    for name, value in here.items():
-        assert float(there[name]) == pytest.approx(float(value)), name

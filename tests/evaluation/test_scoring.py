@@ -1,10 +1,9 @@
-"""Rows of results by hand, intervals from hand-made resamples, tests that know which is better."""
+"""Rows of results by hand, intervals from hand-made resamples."""
 
 import numpy as np
 import pytest
 
-from echolearn.checks import BadValue
-from echolearn.evaluation import pairs, scoring, stats
+from echolearn.evaluation import scoring, stats
 from echolearn.evaluation.rows import (
     LabelledRows,
     LocalizedSurvey,
@@ -186,12 +185,6 @@ def test_a_map_by_hand():
     assert of_map(strict)["true_retention"]["value"] == pytest.approx(1 / 3)
 
 
-def test_attainable_is_the_share_of_poses_near_a_wall():
-    assert ROOM.attainable == 1.0
-    far = np.vstack([ROOM.poses[:4], [[3.0, 3.5]]])  # 0.5 m from one wall, 3 m from all others
-    assert survey(ROOM.points, far).attainable == pytest.approx(4 / 5)
-
-
 def test_what_takes_no_training_is_what_it_says():
     """A coin's shares may miss by four standard deviations of half of 600 points, 8 %."""
     rng = np.random.default_rng(0)
@@ -215,76 +208,3 @@ def test_what_takes_no_training_is_what_it_says():
         assert found == pytest.approx(expected, abs=near, nan_ok=True), name
     # Where all are kept, or none, Wilson's interval has a width that the bootstrap lacks.
     assert 0.99 < of_map(given["oracle"], walk)["true_retention"]["ci_low"] < 1.0
-
-
-class TestPairs:
-    EXAM = labelled(np.random.default_rng(1).random(120) < 0.5)
-
-    def noisy(self, noise, *seeds):
-        found = []
-        for seed in seeds:
-            rng = np.random.default_rng([seed, round(10 * noise)])
-            logit = 2.0 * self.EXAM.reference - 1 + noise * rng.normal(size=120)
-            found.append(says(1 / (1 + np.exp(-logit)), seed=seed))
-        return found
-
-    def difference(self, first, second, metric="balanced_accuracy", exam=EXAM):
-        return pairs.paired_difference(first, second, labelled=exam, metric=metric)
-
-    @pytest.mark.parametrize("metric", pairs.PAIRED)
-    def test_the_better_one_is_ahead_whichever_way_one_looks(self, metric):
-        good, bad = self.noisy(0.5, 0), self.noisy(4.0, 0)
-        ahead, behind = self.difference(good, bad, metric), self.difference(bad, good, metric)
-        assert ahead["difference"] > 0.2 and ahead["ci_low"] > 0 and ahead["p"] < 0.01
-        assert behind["difference"] == pytest.approx(-ahead["difference"])
-        assert behind["ci_high"] < 0
-        assert (ahead["n"], ahead["metric"]) == (120, metric)
-
-    @pytest.mark.parametrize(
-        ("first", "second", "common"),
-        [((0, 1, 2), (2, 1), ((1, 2), (2, 1))), ((0, 1), (7,), ((0, 1), (7,)))],
-        ids=["common seeds", "a lone seed meets all"],
-    )
-    def test_the_difference_is_that_of_the_means(self, first, second, common):
-        found = self.difference(self.noisy(1.0, *first), self.noisy(3.0, *second))
-        means = []
-        for noise, seeds in zip((1.0, 3.0), common, strict=True):
-            right = [given.kept == self.EXAM.reference for given in self.noisy(noise, *seeds)]
-            shares = [
-                np.mean(right, axis=0)[self.EXAM.reference == label] for label in (True, False)
-            ]
-            means.append(np.mean([share.mean() for share in shares]))
-        assert found["difference"] == pytest.approx(means[0] - means[1])
-
-    def test_without_a_common_seed_there_is_nothing_to_pair(self):
-        first, second = self.noisy(1.0, 0, 1), self.noisy(1.0, 2, 3)
-        assert pairs.pair_seeds(first, second) == []
-        with pytest.raises(BadValue, match=r"^seeds=\[0, 1\]: must have one at least"):
-            self.difference(first, second)
-
-    def test_rows_of_one_position_swap_together(self):
-        """Ten rows in two positions leave four swaps, half of them as far apart as the data."""
-        reference = np.array([True] * 5 + [False] * 5)
-        ones = np.ones((1, 10))
-        two = LabelledRows(Recordings("", "set"), reference, np.array([0, 1] * 5), ones[0], ones)
-        found = self.difference([says(reference)], [says(~reference)], exam=two)
-        assert (found["difference"], found["n"]) == (1.0, 2)
-        assert found["p"] == pytest.approx(0.5, abs=0.07)
-
-
-def test_holm_counts_the_tests_of_the_same_metric_and_training():
-    tests = []
-    for metric, training, *values in (
-        ("auc", "a", 0.01, 0.04, 0.03),
-        ("auc", "b", 0.5),
-        ("balanced_accuracy", "a", 0.5),
-    ):
-        tests += [{"metric": metric, "training": training, "p": p} for p in values]
-    corrected = [row["p_holm"] for row in pairs.correct(tests)]
-    assert corrected == pytest.approx([0.03, 0.06, 0.06, 0.5, 0.5])
-    assert "p_holm" not in tests[0]
-    assert pairs.correct([]) == []
-
-
-def test_the_smallest_p_value_is_significant_among_eighty_tests():
-    assert 80 / (1 + pairs.SWAPS) < 0.02

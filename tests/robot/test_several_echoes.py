@@ -55,9 +55,8 @@ def test_a_comparison_evaluates_every_echo(pairs: tuple[Path, Run], world: World
     found = evaluate_survey(
         {run.model: [run]},
         world.runs / "survey" / "hall_0dB",
-        localizer=Gated(WINDOW, 36, echoes=2),
+        localizers={"two": Gated(WINDOW, 36, echoes=2)},
         name="two",
-        paired=False,
         resamples=20,
     )
     assert {row["n"] for row in found.rows} == {2 * POSES}

@@ -188,9 +188,9 @@ def find_set(runs: Path, name: str) -> Path:
     Raises:
         BadValue: none, or several that differ in their settings.
     """
-    folders = [path.parent for path in (runs / "data").glob(f"{escape(name)}-*/{MANIFEST}")]
+    pattern = f"data/{escape(name)}-{'[!-]' * 12}/{MANIFEST}"
     # What follows the name is the digest alone: `grid-*` finds `grid-fine-<digest>`, too.
-    named = sorted(each for each in folders if "-" not in each.name.removeprefix(f"{name}-"))
+    named = sorted(each.parent for each in runs.glob(pattern))
     found = [each for each in named if load_manifest(each).get("format") == FORMAT]
     hint = f"run: {command_line('generate', assignment('plan', name), runs=runs)}"
     if found:

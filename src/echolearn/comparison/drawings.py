@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from echolearn.comparison import figures
 from echolearn.comparison.choice import Comparison, chosen, drawn, headline
 from echolearn.comparison.tables import away, levels, main_localizer, pivot, placed, unfiltered
@@ -16,8 +14,7 @@ Panels = dict[str, dict[str, list[Row]]]
 
 def draw_all(comparison: Comparison) -> dict[str, str]:
     """Return every figure as SVG, by name."""
-    pictures = draw_sets(comparison)
-    return pictures | draw_surveys(comparison) if comparison.surveys else pictures
+    return draw_sets(comparison) | (draw_surveys(comparison) if comparison.surveys else {})
 
 
 def draw_sets(comparison: Comparison) -> dict[str, str]:
@@ -45,24 +42,22 @@ def draw_sets(comparison: Comparison) -> dict[str, str]:
 
 def draw_surveys(comparison: Comparison) -> dict[str, str]:
     """Return the figures about surveys: maps before and after, quality over SNR, directions."""
-    shown = levels(comparison)
     rows = placed(pick(comparison.rows, seed=""), comparison.surveys.values())
+    first, *_, last = 2 * levels(comparison)
+    lines = by_panel(unfiltered(rows), line="localizer")
     pictures = {
-        "maps_first": figures.maps(panels(comparison, rows, snr_db=shown[0])),
+        "maps_first": filtered(comparison, rows, snr_db=first),
         "quality": figures.over_snr(
             quality(comparison, rows), ylabel="balanced accuracy of the map", low=0.3
         ),
-        "directions": figures.over_snr(
-            by_panel(unfiltered(rows), line="localizer"),
-            ylabel="share of points on a wall, unfiltered",
-        ),
+        "directions": figures.over_snr(lines, ylabel="share of points on a wall, unfiltered"),
     }
-    if len(shown) > 1:
-        pictures["maps_last"] = figures.maps(panels(comparison, rows, snr_db=shown[-1]))
+    if last != first:
+        pictures["maps_last"] = filtered(comparison, rows, snr_db=last)
     return pictures
 
 
-def panels(comparison: Comparison, rows: Sequence[Row], *, snr_db: str) -> list[figures.Panel]:
+def filtered(comparison: Comparison, rows: Sequence[Row], *, snr_db: str) -> str:
     """Return the maps of every room before and after the chosen model's first seed filters them.
 
     Args:
@@ -72,14 +67,12 @@ def panels(comparison: Comparison, rows: Sequence[Row], *, snr_db: str) -> list[
     """
     best = chosen(comparison)
     localizer = main_localizer(comparison)
-    found = []
+    walks = []
     for row in pick(unfiltered(rows), localizer=localizer, snr_db=snr_db):
         survey = comparison.surveys[row["tested_on"], localizer]
         kept = predict_echoes(comparison.models[best][0], survey).kept
-        title = f"{row['place']} m, SNR {snr_db} dB"
-        found.append((f"{title}: every estimate", survey, np.ones_like(kept)))
-        found.append((f"{title}: filtered by {best.classifier}", survey, kept))
-    return found
+        walks.append((f"{row['place']} m, SNR {snr_db} dB", survey, kept))
+    return figures.maps(walks, classifier=best.classifier)
 
 
 def quality(comparison: Comparison, rows: Sequence[Row]) -> Panels:

@@ -65,12 +65,9 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
     with processes(workers) as pool:
         for dataset in inputs.sets.values():
             jobs.append(pool.submit(evaluate_set, models, dataset.folder, resamples=resamples))
-        main = next(iter(inputs.localizers), "")
-        for folder, (name, localizer) in product(
-            inputs.surveys.values(), inputs.localizers.items()
-        ):
-            given: Any = {"localizer": localizer, "name": name, "paired": name == main}
-            jobs.append(pool.submit(evaluate_survey, models, folder, resamples=resamples, **given))
+        about: Any = {"localizers": inputs.localizers, "resamples": resamples}
+        for folder, name in product(inputs.surveys.values(), inputs.localizers):
+            jobs.append(pool.submit(evaluate_survey, models, folder, name=name, **about))
         waiting = track(jobs, "evaluate", unit="sets and surveys")
         done = [job.result() for job in waiting]
     rows: list[Row] = []
@@ -115,32 +112,32 @@ def evaluate_survey(
     models: Models,
     folder: Path,
     *,
-    localizer: Localizer,
+    localizers: Mapping[str, Localizer],
     name: str,
-    paired: bool,
     resamples: int,
 ) -> Evaluation:
     """Evaluate models by the maps they leave of a survey.
 
+    By the first localizer, and at the SNRs that tables show, models are tested in pairs, too.
+
     Args:
         models: finished runs of each model.
         folder: folder of the survey.
-        localizer: estimates the echoes.
-        name: name of the localizer.
-        paired: whether models are tested in pairs, at the SNRs that tables show.
+        localizers: localizers by name.
+        name: name of the one that estimates the echoes.
         resamples: bootstrap draws.
     """
-    survey = localize_survey(folder, localizer, name=name, resamples=resamples)
-    rows: list[Row] = []
-    for name, given in scoring.trivial_predictions(survey.labelled.reference).items():
-        rows.extend(scoring.score_map(Model(name), [given], survey=survey))
+    survey = localize_survey(folder, localizers[name], name=name, resamples=resamples)
+    references = scoring.trivial_predictions(survey.labelled.reference)
     predictions = predicted(models, lambda run: predict_echoes(run, survey))
-    for model, each in predictions.items():
+    everyone = {Model(who): [given] for who, given in references.items()} | predictions
+    rows: list[Row] = []
+    for model, each in everyone.items():
         rows.extend(scoring.score_map(model, each, survey=survey))
+    if name != next(iter(localizers)) or survey.snr_db not in SHOWN_DB:
+        return Evaluation(rows, [], survey)
     about: Any = {"metric": "balanced_accuracy", "snr_db": survey.snr_db}
-    tested = paired and survey.snr_db in SHOWN_DB
-    tests = against_baseline(predictions, survey.labelled, **about) if tested else ()
-    return Evaluation(rows, list(tests), survey)
+    return Evaluation(rows, list(against_baseline(predictions, survey.labelled, **about)), survey)
 
 
 def predicted(

@@ -36,8 +36,8 @@ INTERVAL = ("value", "ci_low", "ci_high")
 WOOD = "#c9a58d"
 """Colour of what is spurious or rejected, where it should not catch the eye."""
 
-Panel = tuple[str, LocalizedSurvey, Array]
-"""A map: title, survey, and which of its points are kept, shape (P,), bool."""
+Walk = tuple[str, LocalizedSurvey, Array]
+"""A title, a survey, and which of its points a filter keeps, shape (P,), bool."""
 
 STYLE: Any = {
     "svg.hashsalt": "echolearn",
@@ -60,19 +60,17 @@ styled = mpl.rc_context(STYLE)
 
 
 def canvas(
-    panels: int, *, width: float, height: float, columns: int = 0, **shared: Any
+    columns: int, *, width: float, height: float, rows: int = 1, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return an empty figure and its panels.
+    """Return an empty figure and its panels, row by row.
 
     Args:
-        panels: number of panels.
+        columns, rows: number of panels beside and below each other.
         width, height: size in inches.
-        columns: panels beside each other; all of them unless given.
         shared: what panels have in common, as `sharey=True`.
     """
     figure = Figure(figsize=(width, height), layout="constrained")
-    columns = columns or panels
-    axes = figure.subplots(-(-panels // columns), columns, squeeze=False, **shared)
+    axes = figure.subplots(rows, columns, squeeze=False, **shared)
     return figure, axes.ravel().tolist()
 
 
@@ -95,19 +93,24 @@ def as_svg(figure: Figure, *, explained: Axes | None = None, columns: int = 4) -
 
 
 @styled
-def maps(panels: Sequence[Panel]) -> str:
-    """Draw maps side by side, two in a row."""
-    columns = 2
+def maps(walks: Sequence[Walk], *, classifier: str) -> str:
+    """Draw maps before and after a classifier filters them, side by side.
+
+    Args:
+        walks: a row for each.
+        classifier: name of what decides which points are kept.
+    """
     slopes = []
-    for _, survey, _ in panels:
+    for _, survey, _ in walks:
         across, along = np.ptp(survey.corners, axis=0)
         slopes.append(along / across)
-    # A row is as high as its steepest map, so that all are drawn to one scale.
-    steepest = [max(slopes[first : first + columns]) for first in range(0, len(slopes), columns)]
-    height = 4.0 * sum(steepest) + 0.8 * len(steepest) + 0.8
-    figure, axes = canvas(len(panels), width=4.6 * columns, height=height, columns=columns)
-    for axis, (title, survey, kept) in zip(axes, panels, strict=False):
-        paint_map(axis, survey, title=title, kept=kept)
+    # A row is as high as its map, so that all are drawn to one scale.
+    height = 4.0 * sum(slopes) + 0.8 * len(walks) + 0.8
+    figure, axes = canvas(2, rows=len(walks), width=9.2, height=height)
+    for row, (title, survey, kept) in enumerate(walks):
+        before, after = axes[2 * row : 2 * row + 2]
+        paint_map(before, survey, title=f"{title}: every estimate", kept=np.ones_like(kept))
+        paint_map(after, survey, title=f"{title}: filtered by {classifier}", kept=kept)
     return as_svg(figure, explained=axes[0], columns=5)
 
 

@@ -51,8 +51,8 @@ def make(comparison: Comparison, *, name: str) -> dict[str, bytes]:
     return {"report.html": page.encode(), "table.md": table.encode()} | files
 
 
-def template(name: str) -> Any:
-    """Return a template of the package, with the filters that format numbers."""
+def template(name: str, *, room: str = "comparison") -> Any:
+    """Return a template of a room, with the filters that format numbers."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(
@@ -62,7 +62,7 @@ def template(name: str) -> Any:
         lstrip_blocks=True,
     )
     environment.filters |= {each.__name__: each for each in (number, interval, signed, shade)}
-    text = (resources.files("echolearn.comparison") / "templates" / name).read_text()
+    text = (resources.files(f"echolearn.{room}") / "templates" / name).read_text()
     return environment.from_string(text)
 
 

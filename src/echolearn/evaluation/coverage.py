@@ -11,10 +11,13 @@ Both speak of a union of points. Bootstrap resampling drops a third of the poses
 them: no weights here.
 """
 
+import math
+
 import numpy as np
 from scipy.spatial.distance import cdist
 
 from echolearn.acoustics.types import Array
+from echolearn.evaluation.metrics import ratio
 
 NEAREST, FARTHEST = 1.0, 2.0
 """m; wall distances whose echoes lie inside the search window."""
@@ -55,47 +58,33 @@ def attainable(corners: Array, poses: Array) -> float:
 
     It is about what one echo a pose can get right.
     """
-    return float(feet(corners, poses)[1].any(axis=1).mean()) if len(poses) else float("nan")
+    return float(feet(corners, poses)[1].any(axis=1).mean()) if len(poses) else math.nan
 
 
-def wall_coverage(corners: Array, points: Array, *, kept: Array, poses: Array) -> float:
-    """Return the share of the reachable wall within 0.25 m of a kept point; NaN if none is.
-
-    Args:
-        corners: the room's outline, shape (C, 2), in m.
-        points: points of the map, shape (P, 2), in m.
-        kept: shape (P,), bool.
-        poses: positions of the whole walk, shape (any, 2), in m.
-    """
-    wall, lengths = _reachable(corners, poses)
-    covered = _nearest(wall, points[kept]) <= REACH
-    return float(lengths[covered].sum() / lengths.sum()) if len(wall) else float("nan")
-
-
-def nearest_neighbour_error(corners: Array, points: Array, *, kept: Array, poses: Array) -> float:
-    """Return the mean distance in m between kept points and reachable wall, over both directions.
-
-    NaN if nothing is kept or nothing is reachable. Source: Barshan (2008).
+def of_walls(corners: Array, shown: Array, *, poses: Array) -> dict[str, float]:
+    """Return `wall_coverage` and `nearest_neighbour_error` of the points that a map shows.
 
     Args:
         corners: the room's outline, shape (C, 2), in m.
-        points: points of the map, shape (P, 2), in m.
-        kept: shape (P,), bool.
+        shown: kept points, shape (any, 2), in m.
         poses: positions of the whole walk, shape (any, 2), in m.
+
+    Returns:
+        Coverage is the share of the reachable wall within 0.25 m of a point; NaN if none is
+        reachable. The error is the mean distance in m between points and reachable wall, over both
+        directions (Barshan, 2008); NaN if there is no point, or nothing is reachable.
     """
-    wall, _ = _reachable(corners, poses)
-    shown = points[kept]
-    if not len(wall) or not len(shown):
-        return float("nan")
-    return float(_nearest(shown, wall).mean() + _nearest(wall, shown).mean()) / 2
-
-
-def _reachable(corners: Array, poses: Array) -> tuple[Array, Array]:
-    """Return the pieces of wall that can give an echo: middles (S, 2) and lengths (S,), in m."""
     middles, lengths = wall_samples(corners)
     foot, echoes = feet(corners, poses)
-    near = _nearest(middles, foot[echoes]) <= REACH
-    return middles[near], lengths[near]
+    reachable = _nearest(middles, foot[echoes]) <= REACH
+    wall = middles[reachable]
+    lengths = lengths[reachable]
+    away = _nearest(wall, shown)
+    covered = float(ratio(lengths[away <= REACH].sum(), lengths.sum()))
+    error = math.nan
+    if len(wall) and len(shown):
+        error = float(_nearest(shown, wall).mean() + away.mean()) / 2
+    return {"wall_coverage": covered, "nearest_neighbour_error": error}
 
 
 def _nearest(points: Array, others: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from echolearn.acoustics.geometry import distance_to_outline
 from echolearn.acoustics.types import Array
-from echolearn.evaluation.coverage import nearest_neighbour_error, wall_coverage
+from echolearn.evaluation import coverage
 from echolearn.evaluation.metrics import (
     each_weight,
     expected_calibration_error,
@@ -99,7 +99,6 @@ def evaluate_map(
     }
     if weights is None:
         # A union of points has no resamples: without a third of the poses it covers less.
-        for whole in (wall_coverage, nearest_neighbour_error):
-            found = whole(corners, points, kept=kept, poses=poses)
-            values[whole.__name__] = np.asarray(found)
+        whole = coverage.of_walls(corners, points[kept], poses=poses)
+        values |= {name: np.asarray(value) for name, value in whole.items()}
     return values

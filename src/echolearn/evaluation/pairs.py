@@ -1,10 +1,11 @@
 """Test whether two models differ, on the same rows, seed by seed: the rows of `tests.csv`.
 
-A metric can be tested if its difference is linear in the swaps of `stats.paired_test`: then each
+A metric can be tested if its difference is linear in the swaps of `stats.swapped`: then each
 row has a share of it, whose sign turns when the two answers about that row are swapped.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import rankdata
@@ -12,8 +13,7 @@ from scipy.stats import rankdata
 from echolearn.acoustics.types import Array
 from echolearn.checks import check
 from echolearn.evaluation import metrics, stats
-from echolearn.evaluation.metrics import validate
-from echolearn.evaluation.rows import LabelledRows, Predictions, Row
+from echolearn.evaluation.rows import LabelledRows, Predictions, Row, pick
 
 SWAPS = 5000
 """Permutations behind a p value; 1 / 5001 times the tests of a family must lie well below 0.05."""
@@ -35,8 +35,6 @@ def auc_shares(reference: Array, *, first: Array, second: Array) -> Array:
     Returns:
         Shape (B,).
     """
-    validate(reference, first)
-    validate(reference, second)
     first, second = rankdata(first), rankdata(second)
     # Either answer of the other row may be the one it is compared with, so both are counted.
     true_ranks = np.append(first[reference], second[reference])
@@ -44,7 +42,7 @@ def auc_shares(reference: Array, *, first: Array, second: Array) -> Array:
     above_false = _above(first, false_ranks) - _above(second, false_ranks)
     above_true = _above(first, true_ranks) - _above(second, true_ranks)
     shares = np.where(reference, above_false, -above_true)
-    return shares / (2.0 * reference.sum() * (~reference).sum())
+    return shares / (2.0 * max(reference.sum() * (~reference).sum(), 1))
 
 
 def balanced_accuracy_shares(reference: Array, *, first: Array, second: Array) -> Array:
@@ -57,8 +55,6 @@ def balanced_accuracy_shares(reference: Array, *, first: Array, second: Array) -
     Returns:
         Shape (B,).
     """
-    validate(reference, first)
-    validate(reference, second)
     true_share = 0.5 / max(reference.sum(), 1)
     false_share = 0.5 / max((~reference).sum(), 1)
     return (first.astype(float) - second) * np.where(reference, true_share, -false_share)
@@ -70,11 +66,25 @@ def _above(values: Array, others: Array) -> Array:
     return (np.searchsorted(rising, values, "left") + np.searchsorted(rising, values, "right")) / 2
 
 
+class Paired(NamedTuple):
+    """A metric in which two models can be compared.
+
+    Attributes:
+        value: the metric, of reference, answers and weights.
+        shares: what each row adds to its difference.
+        answers: what `Predictions` call the answers that it is about.
+    """
+
+    value: Callable[..., Array]
+    shares: Callable[..., Array]
+    answers: str
+
+
 PAIRED = {
-    "auc": (metrics.auc, auc_shares),
-    "balanced_accuracy": (metrics.balanced_accuracy, balanced_accuracy_shares),
+    "auc": Paired(metrics.auc, auc_shares, "confidence"),
+    "balanced_accuracy": Paired(metrics.balanced_accuracy, balanced_accuracy_shares, "kept"),
 }
-"""Metrics in which two models are compared, each with what a row adds to the difference."""
+"""Metrics in which two models are compared."""
 
 
 def pair_seeds(
@@ -110,41 +120,40 @@ def paired_difference(
     # Pooled over seeds: the positions are the clusters, so seeds make no rows independent.
     rows = np.concatenate([given.rows for given, _ in pairs])
     reference = labelled.reference[rows]
-    value, shares = PAIRED[metric]
-    estimated = "confidence" if metric == "auc" else "kept"
-    one = np.concatenate([getattr(given, estimated) for given, _ in pairs])
-    other = np.concatenate([getattr(given, estimated) for _, given in pairs])
+    groups = labelled.groups[rows]
+    value, shares_of, answers = PAIRED[metric]
+    one, other = (
+        np.concatenate([getattr(given, answers) for given in side])
+        for side in zip(*pairs, strict=True)
+    )
 
     def difference(weights: Array | None) -> Array:
         """Return the difference of the pooled predictions, for weights or None."""
         return value(reference, one, weights=weights) - value(reference, other, weights=weights)
 
-    found = stats.paired_test(
-        difference,
-        shares=shares(reference, first=one, second=other),
-        groups=labelled.groups[rows],
-        weights=labelled.weights[:, rows],
-        swaps=SWAPS,
-    )
+    found = stats.interval(difference, labelled.weights[:, rows])
+    shares = shares_of(reference, first=one, second=other)
+    null = stats.swapped(shares, groups, swaps=SWAPS)
+    # What differs by rounding alone counts as equal.
+    extreme = (np.abs(null) >= abs(found.value) - 1e-12).sum()
+    p = float(1 + extreme) / (1 + SWAPS)
     return {
         "metric": metric,
         "difference": found.value,
         "ci_low": found.low,
         "ci_high": found.high,
-        "p": found.p,
-        "n": len(np.unique(labelled.groups[rows])),
+        "p": p if np.isfinite(found.value) else np.nan,
+        "n": len(np.unique(groups)),
     }
 
 
 def correct(tests: Iterable[Row]) -> list[Row]:
     """Add Holm's correction, as `p_holm`, for the tests of the same metric and training set."""
     rows = [dict(row) for row in tests]
-    families: dict[tuple[str, ...], list[Row]] = {}
-    for row in rows:
-        families.setdefault((row["metric"], row["training"]), []).append(row)
     # Tests of one metric and training are read as one table, so they are corrected as one family.
-    for family_rows in families.values():
-        adjusted = stats.holm(np.array([row["p"] for row in family_rows]))
-        for row, p in zip(family_rows, adjusted, strict=True):
-            row["p_holm"] = float(p)
+    for metric, training in {(row["metric"], row["training"]) for row in rows}:
+        family = pick(rows, metric=metric, training=training)
+        adjusted = stats.holm(np.array([row["p"] for row in family]))
+        for row, p in zip(family, adjusted.tolist(), strict=True):
+            row["p_holm"] = p
     return rows

@@ -14,6 +14,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import map_metrics, metrics, stats
+from echolearn.evaluation.pairs import PAIRED
 from echolearn.evaluation.rows import (
     SNR_BANDS_DB,
     LabelledRows,
@@ -22,6 +23,7 @@ from echolearn.evaluation.rows import (
     Predictions,
     Row,
     in_band,
+    pick,
 )
 
 Evaluate = Callable[[Predictions, Array | None], Mapping[str, Array]]
@@ -51,10 +53,11 @@ def score_labels(
     def banded(given: Predictions, weights: Array | None) -> Mapping[str, Array]:
         """Return the two metrics that are given for each SNR band."""
         reference = labelled.reference[given.rows]
-        return {
-            "auc": metrics.auc(reference, given.confidence, weights=weights),
-            "balanced_accuracy": metrics.balanced_accuracy(reference, given.kept, weights=weights),
-        }
+        found = {}
+        for name, paired in PAIRED.items():
+            answers = getattr(given, paired.answers)
+            found[name] = paired.value(reference, answers, weights=weights)
+        return found
 
     yield from tabulate(every, model=model, predictions=predictions, labelled=labelled)
     for low, high in SNR_BANDS_DB:
@@ -64,7 +67,7 @@ def score_labels(
         if all(len(given.rows) for given in cut):
             band = f"{low}:{high}"
             rows = tabulate(banded, model=model, predictions=cut, labelled=labelled, snr_db=band)
-            yield from (row for row in rows if row["seed"] == "")
+            yield from pick(rows, seed="")
 
 
 def score_map(
@@ -126,9 +129,8 @@ def tabulate(
         labelled: the test set.
         snr_db: entry of that column.
     """
-    counts = [len(given.rows) for given in predictions]
     common = model.columns() | labelled.source._asdict()
-    common |= {"snr_db": snr_db, "n": round(np.mean(counts))}
+    common |= {"snr_db": snr_db, "n": round(np.mean([len(given.rows) for given in predictions]))}
     each = [evaluate(given, None) for given in predictions]
     if len(predictions) > 1:
         for given, values in zip(predictions, each, strict=True):

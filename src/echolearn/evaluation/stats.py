@@ -46,15 +46,6 @@ class Interval(NamedTuple):
     high: float
 
 
-class Difference(NamedTuple):
-    """A paired difference, first minus second, its interval, and the p value of no difference."""
-
-    value: float
-    low: float
-    high: float
-    p: float
-
-
 def cluster_weights(groups: Array, *, resamples: int, seed: int = 0) -> Array:
     """Draw clusters with replacement, as many as there are.
 
@@ -99,75 +90,40 @@ def intervals(
     draws = [evaluate(block) for block in blocks]
     found = {}
     for name, value in values.items():
-        each = [block[name] for block in draws if name in block]
-        found[name] = _interval(float(value), np.concatenate(each) if each else np.empty(0))
+        drawn = np.concatenate([np.empty(0), *(block[name] for block in draws if name in block)])
+        defined = drawn[np.isfinite(drawn)]
+        ends = [math.nan, math.nan]
+        # Percentiles of those draws for which the metric is defined.
+        if len(defined) and np.isfinite(value):
+            ends = np.quantile(defined, [(1 - LEVEL) / 2, (1 + LEVEL) / 2]).tolist()
+        found[name] = Interval(float(value), *ends)
     return found
 
 
-def _interval(value: float, draws: Array) -> Interval:
-    """Return percentiles of those draws for which the metric is defined."""
-    defined = draws[np.isfinite(draws)]
-    if not len(defined) or not math.isfinite(value):
-        return Interval(value, math.nan, math.nan)
-    low, high = np.quantile(defined, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return Interval(value, float(low), float(high))
-
-
 def wilson(successes: int, trials: int) -> Interval:
-    """Return Wilson's score interval of a proportion; (NaN, 0, 1) without trials.
+    """Return Wilson's score interval of a proportion.
 
     Raises:
-        BadValue: more successes than trials, or a negative number.
+        BadValue: no trials, more successes than trials, or a negative number.
     """
-    check_whole("trials", trials, low=0)
+    check_whole("trials", trials, low=1)
     check_whole("successes", successes, low=0, high=trials, hint="more successes than trials?")
-    if trials == 0:
-        return Interval(math.nan, 0.0, 1.0)
     found = binomtest(successes, trials).proportion_ci(LEVEL, method="wilson")
     return Interval(successes / trials, float(found.low), float(found.high))
 
 
-def paired_test(
-    difference: Statistic,
-    *,
-    shares: Array,
-    groups: Array,
-    weights: Array,
-    swaps: int,
-    seed: int = 0,
-) -> Difference:
-    """Test whether two models differ on the same observations.
+def swapped(shares: Array, groups: Array, *, swaps: int, seed: int = 0) -> Array:
+    """Toss a coin for each cluster, swap its answers or not: the differences, shape (swaps,).
 
     Args:
-        difference: metric of the first minus that of the second.
-        shares: what each row adds to it, shape (B,), such as `pairs.auc_shares`.
+        shares: what each row adds to the difference, shape (B,), such as `pairs.auc_shares`.
         groups: cluster of each row, shape (B,).
-        weights: resamples of `cluster_weights`, shape (resamples, B).
-        swaps: permutations behind the p value.
-        seed: seed of the swaps.
+        swaps: number of tosses.
+        seed: seed of the tosses.
 
     Raises:
-        BadValue: columns of unequal lengths, or no rows.
+        BadValue: no swaps, or no rows.
     """
-    for name, rows in (("groups", len(groups)), ("weights", weights.shape[-1])):
-        check(
-            rows == len(shares),
-            name,
-            f"{rows} rows",
-            allowed=f"must be {len(shares)}, as many as shares",
-        )
-    found = interval(difference, weights)
-    null = _swapped(shares, groups, swaps=swaps, seed=seed)
-    p = math.nan
-    if math.isfinite(found.value):
-        # What differs by rounding alone counts as equal.
-        extreme = (np.abs(null) >= abs(found.value) - 1e-12).sum()
-        p = float(1 + extreme) / (1 + swaps)
-    return Difference(*found, p)
-
-
-def _swapped(shares: Array, groups: Array, *, swaps: int, seed: int) -> Array:
-    """Toss a coin for each cluster, swap its answers or not: the differences, shape (swaps,)."""
     check_whole("swaps", swaps, low=1)
     member, clusters = _clusters(groups)
     # Another stream than that of resamples from the same seed.

@@ -16,6 +16,7 @@ from echolearn.comparison.figures import (
     paint_intervals,
     styled,
 )
+from echolearn.comparison.report import template
 from echolearn.evaluation.rows import Row, distinct, pick, to_csv
 
 FORMAT = 6
@@ -51,10 +52,15 @@ def study_files(name: str, *, vary: str, rows: Sequence[Row]) -> dict[str, bytes
         vary: what was varied.
         rows: those of `study.csv`.
     """
-    files = {
-        "study.csv": to_csv(rows, columns(vary)),
-        "study.md": shares_in_percent(name, vary=vary, rows=rows).encode(),
-    }
+    table = template("study.md", room="studies").render(
+        name=name,
+        rows=rows,
+        values=distinct(rows, vary),
+        localizers=distinct(rows, "localizer"),
+        titles=TITLES,
+        axis=AXIS[vary],
+    )
+    files = {"study.csv": to_csv(rows, columns(vary)), "study.md": table.encode()}
     for figure, metrics in FIGURES.items():
         files[f"figures/{figure}.svg"] = draw_metrics(metrics, vary=vary, rows=rows).encode()
     return files
@@ -63,28 +69,6 @@ def study_files(name: str, *, vary: str, rows: Sequence[Row]) -> dict[str, bytes
 def columns(vary: str) -> list[str]:
     """Return the columns of `study.csv`."""
     return ["localizer", vary, "metric", *INTERVAL, "n"]
-
-
-def shares_in_percent(name: str, *, vary: str, rows: Sequence[Row]) -> str:
-    """Return the shares in per cent as Markdown, a table per metric and a column per value.
-
-    Args:
-        name: of the study.
-        vary: what was varied.
-        rows: those of `study.csv`.
-    """
-    values = distinct(rows, vary)
-    text = [f"# Study {name}: share of recordings in %, n = {rows[0]['n']} at each value"]
-    for metric, title in TITLES.items():
-        text += ["", f"**{title}**, by {AXIS[vary]}", ""]
-        text += [f"| | {' | '.join(map(str, values))} |", "|---" * (len(values) + 1) + "|"]
-        for localizer in distinct(rows, "localizer"):
-            own = pick(rows, localizer=localizer, metric=metric)
-            text.append(
-                " | ".join([f"| {localizer}", *(f"{100 * row['value']:.0f}" for row in own)]) + " |"
-            )
-    text += ["", "95 % intervals (bootstrap over positions) are in study.csv."]
-    return "\n".join(text) + "\n"
 
 
 @styled

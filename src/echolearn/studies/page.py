@@ -8,24 +8,11 @@ import csv
 import shlex
 from pathlib import Path
 
-from echolearn.comparison.figures import INTERVAL
-from echolearn.evaluation.rows import Row, distinct, pick
+from echolearn.comparison.report import template
+from echolearn.evaluation.rows import distinct
 from echolearn.storage import files, manifests
 from echolearn.storage.marked_page import Markers, around, write_between
 from echolearn.studies.curves import FIGURES
-
-STATEMENTS = {
-    "paper_snr": (
-        ("the TOA of S-NLS is right in around 80 % at -10 dB", "snls", "toa", ("-10",)),
-        ("that of EM-MC similarly", "em", "toa", ("-10",)),
-        ("the DOA of S-NLS is good only at higher SNRs", "snls", "doa", ("-10", "0", "10")),
-    ),
-    "paper_t60": (
-        ("the TOA of S-NLS does not depend on T60 from 0.2 to 1 s", "snls", "toa", ("0.2", "1.0")),
-        ("nor does its DOA", "snls", "doa", ("0.2", "1.0")),
-    ),
-}
-"""What the paper says about its figures: text, localizer, metric, values; by study."""
 
 
 def markers(name: str) -> Markers:
@@ -71,29 +58,14 @@ def section(table: Path, *, vary: str, command: str) -> str:
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file))
     name = table.stem
-    said = f"{rows[0]['n']} recordings at each value; all shares with their intervals: "
-    said += f"[{table.name}]({table.parent.name}/{table.name})."
-    text = [f"{said} `{command}`" if command else said]
-    figures = [table.parent / f"{name}_{figure}.svg" for figure in FIGURES]
-    text += [
-        f"![{path.stem}]({table.parent.name}/{path.name})" for path in figures if path.exists()
-    ]
-    if len(distinct(rows, vary)) == 1:
-        # A single value makes no figure: its shares are few enough to be read.
-        own = pick(rows, metric="on_map")
-        shares = ", ".join(f"`{row['localizer']}` {in_percent(row)}" for row in own)
-        text.append(f"Map points on a wall, in %: {shares}.")
-    lines = ["| the paper (V-B) | found, in % |", "|---|---|"]
-    for statement, localizer, metric, values in STATEMENTS.get(name, ()):
-        own = pick(rows, localizer=localizer, metric=metric)
-        found = "; ".join(
-            f"at {row[vary]}: {in_percent(row)}" for row in own if row[vary] in values
-        )
-        lines.append(f"| {statement} | {found} |")
-    return "\n\n".join(text + (["\n".join(lines)] if lines[2:] else []))
-
-
-def in_percent(row: Row) -> str:
-    """Return a share with its interval in per cent."""
-    value, low, high = (100 * float(row[key]) for key in INTERVAL)
-    return f"{value:.3g} [{low:.3g}, {high:.3g}]"
+    figures = [each for each in FIGURES if (table.parent / f"{name}_{each}.svg").exists()]
+    shown = template("section.md", room="studies").render(
+        name=name,
+        folder=table.parent.name,
+        vary=vary,
+        command=command,
+        figures=figures,
+        rows=rows,
+        values=distinct(rows, vary),
+    )
+    return str(shown).strip()
