@@ -148,11 +148,3 @@ def component(recording: Recording, echo: Component) -> Array:
     lag, azimuth, gain = echo
     eta = relative(recording.positions, azimuth, rate=recording.rate)
     return np.stack([gain * shift(recording.probe, lag + late) for late in eta])
-
-
-def is_detected(recording: Array, *, variance: float, log_gamma: float) -> bool:
-    """Tell whether ||y||^2 > 2 sigma^2 ln gamma, for recordings without their direct path."""
-    energy = 0.0
-    for y in np.ravel(recording):
-        energy += float(y) ** 2
-    return energy > 2 * variance * log_gamma

@@ -15,7 +15,6 @@ from echolearn.comparison.localized import localize_survey
 from echolearn.localization.methods.gated import Gated
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.diffuse import Diffuse
-from echolearn.simulation.noise.recorded import Recorded
 from echolearn.simulation.noise.rotor import Rotor
 from echolearn.simulation.observe import observe
 from echolearn.simulation.survey import noise_length, survey
@@ -239,17 +238,6 @@ def test_white_noise_is_recorded_alone_where_it_is_asked_for(walk, finished, tmp
     assert contents(walk(tmp_path / "again", noise_seconds=1.0)) == contents(folder)
     with pytest.raises(BadValue, match=OTHERS):
         walk(tmp_path)
-
-
-def test_noise_of_a_recording_too_short_is_refused_before_anything_is_written(
-    walk, brief, tmp_path
-):
-    """Six microphones take stretches one after the other, of 5 s, each with a frame of 1 024."""
-    second = Recorded(np.sin(np.arange(22050)).astype(np.float32), 22050.0)
-    message = "diffuse.source.path=1.00 s of sound: must be at least 30.28 s;"
-    with writes_nothing(tmp_path, message):
-        scene = replace(brief, diffuse=Diffuse(second))
-        walk(tmp_path, scene=scene, sdnr_db=0.0, noise_seconds=5)
 
 
 def test_noise_may_be_as_long_as_its_reader_takes_it(brief):
