@@ -255,16 +255,16 @@ def test_the_way_to_remove_the_direct_path_is_chosen(
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        (lambda x: np.clip(x, -0.2 * x.std(), 0.2 * x.std()), "microphone 1 clipped at "),
-        (lambda x: x * (np.arange(6) > 0), "silence at microphone 1: "),
+        (lambda x: np.clip(x, -0.2 * x.std(), 0.2 * x.std()), "clipped=.* at all 6 microphones"),
+        (lambda x: x * (np.arange(6) > 0), "dead channels=microphone 1"),
     ],
 )
-def test_what_is_wrong_with_a_recording_is_said_of_its_file(
+def test_what_is_wrong_with_a_recording_is_said_of_it(
     fault: Callable[[Array], Array], message: str, made: Make, walk: Path, tmp_path: Path
 ) -> None:
     path = walk / "observations" / "0033.wav"
     wavfile.write(path, 22050, fault(wavfile.read(path)[1]).astype(np.float32))
-    with pytest.raises(BadValue, match=f"^{path}: {message}"):
+    with pytest.raises(BadValue, match=f"^{walk}: {message} in recording 33"):
         made()
     assert content(tmp_path / "runs") == {}
 

@@ -130,7 +130,7 @@ def _map(config: "Config") -> Path:
         survey=_needed(config, "survey", "must be a folder in the recorded-survey format"),
         bundle=_needed(config, "bundle", "must be a folder that echolearn export wrote"),
         runs=Path(config["runs"]),
-        **_built(config, "name resolution resample direct ros command"),
+        **_built(config, "name resolution resample direct ros without gains localizer command"),
     )
 
 

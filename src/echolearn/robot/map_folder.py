@@ -17,6 +17,7 @@ from echolearn.evaluation.metrics import finite
 from echolearn.mapping.mapped_walk import BAG, Files, MappedWalk
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
+from echolearn.survey.health import Health
 
 SHOWN = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
 """Metrics that are printed where the room is known."""
@@ -114,8 +115,17 @@ def describe_map(mapped: MappedWalk, causes: Sequence[str]) -> dict[str, Any]:
     }
 
 
+def told(health: Health) -> dict[str, Any]:
+    """Return what the manifest of a map says of its recordings; nothing of sound ones."""
+    lines = {"mended": list(health.mended), "noticed": list(health.noticed)}
+    return {"health": lines} if any(lines.values()) else {}
+
+
 def report(about: Mapping[str, Any]) -> None:
     """Print what a map holds and what it is worth."""
+    for kind, lines in about.get("health", {}).items():
+        for line in lines:
+            print(f"{kind}: {line}")
     print(
         f"{about['poses']} poses, {about['kept']} echoes kept: {about['points']} points in the "
         f"map, {about['floor_or_ceiling']} from floor or ceiling; {about['lines']} walls fitted"

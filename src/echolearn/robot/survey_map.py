@@ -20,8 +20,9 @@ from echolearn.mapping.files import grid, ply, svg, table
 from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.robot.advice import causes
 from echolearn.robot.bundle import Bundle
+from echolearn.robot.choices import seeking, with_gains
 from echolearn.robot.compatibility import mount_angle
-from echolearn.robot.map_folder import describe_map, finished_map, report, write_map
+from echolearn.robot.map_folder import describe_map, finished_map, report, told, write_map
 from echolearn.robot.scorer import Scorer, load
 from echolearn.runtime.progress import track
 from echolearn.storage import manifests
@@ -29,7 +30,7 @@ from echolearn.storage.files import sha256
 from echolearn.storage.once import once
 from echolearn.survey.audio import LARGEST, check_size
 from echolearn.survey.direct_path import REMOVALS
-from echolearn.survey.health import examine
+from echolearn.survey.health import examine, mended
 from echolearn.survey.proof import read_proved, used
 from echolearn.survey.reader import CALIBRATION, Survey, blocks
 
@@ -46,6 +47,9 @@ def map_survey(
     resample: bool = False,
     direct: str | None = None,
     ros: bool = False,
+    without: Sequence[int] | None = None,
+    gains: Sequence[float] | None = None,
+    localizer: Mapping[str, Any] | None = None,
     command: str | None = None,
 ) -> Path:
     """Map a recorded survey, print what the map is worth, and return its folder.
@@ -60,29 +64,39 @@ def map_survey(
         direct: how to remove a direct path that is present, one of `direct_path.REMOVALS`; None
             takes the first that can be: `calibration` where it was recorded, else `fitted`.
         ros: also write a bag for ROS 2.
+        without: numbers of microphones that are left out, from 1.
+        gains: a factor for each microphone.
+        localizer: `sign` of the echoes that the bundle's localizer seeks, if it is to be another.
         command: what makes the map again; None says nothing about it.
 
     Raises:
-        BadValue: a survey or bundle that is not allowed, or that do not fit each other.
+        BadValue: a survey or bundle that is not allowed, or that do not fit each other; recordings
+            that cannot be trusted (`health`).
     """
     writers = _writers(ros)
     check_number("resolution", resolution, low=0.005, high=1.0, unit="m")
     name = name or f"{Path(survey).resolve().name}-{Path(bundle).resolve().name}"
     check_name("name", name)
-    scorer = load(bundle)
+    scorer = seeking(load(bundle), localizer)
     walk = open_survey(Path(survey), scorer.bundle, resample=resample, direct=direct)
+    walk = with_gains(walk, scorer.bundle, without=without, gains=gains)
+    factors = None if walk.gains is None else walk.gains.tolist()
     asked = {"direct": direct, "ros": ros or None, "resolution": float(resolution)}
+    asked |= {"gains": factors, "sign": (localizer or {}).get("sign")}
     inputs = _identity(scorer.bundle, walk, asked)
     folder = Path(runs) / "maps" / name
 
     def make() -> dict[str, Any]:
         """Write the map, and return its manifest."""
-        mapped = score_survey(scorer, walk, resolution=float(resolution))
+        health = examine(walk)
+        sound = mended(walk, health)
+        mapped = score_survey(scorer, sound, resolution=float(resolution))
         files = {key: value for writer in writers for key, value in writer.write(mapped).items()}
         why = []
         if not mapped.shown.any():
-            why = causes(mapped, examine(walk), scorer.bundle.localizer.window)
-        about = describe_map(mapped, why) | {"inputs": inputs} | manifests.command_entry(command)
+            why = causes(mapped, health, scorer.bundle.localizer.window)
+        about = describe_map(mapped, why) | told(health) | {"inputs": inputs}
+        about |= manifests.command_entry(command)
         return write_map(folder, files, about=about)
 
     finished = partial(finished_map, folder, inputs)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from echolearn.acoustics.types import Array
 from echolearn.survey import levels as level_rules
@@ -45,12 +46,12 @@ class Verdicts:
     refused: list[str] = field(default_factory=list)
     noticed: list[str] = field(default_factory=list)
 
-    def refuse(self, which: Array, word: str, line: str) -> None:
+    def refuse(self, which: ArrayLike, word: str, line: str) -> None:
         """Say a word of some microphones, (M,), bool, and refuse with a line."""
         self.name(which, word)
         self.refused.append(line)
 
-    def name(self, which: Array, word: str) -> None:
+    def name(self, which: ArrayLike, word: str) -> None:
         """Say a word of some microphones, shape (M,), bool."""
         for m in np.flatnonzero(which):
             self.words[m] = word if self.words[m] == "fine" else f"{self.words[m]}, {word}"
@@ -124,7 +125,7 @@ def _dead(walk: Walk, found: Verdicts) -> Array:
     which = dead.any(axis=0)
     numbers = (np.flatnonzero(which) + 1).tolist()
     line = f"dead channels={where}: must hear the probe; without={numbers} maps with the others"
-    found.refuse(which, "dead", line.replace(" ", " "))
+    found.refuse(which, "dead", line)
     return dead
 
 

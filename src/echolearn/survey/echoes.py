@@ -215,11 +215,9 @@ def drift(samples: Array, lags: Array, *, probe: Probe) -> float:
         stretch = channel[max(start, 0) : start + len(probe.samples) + 2 * NEAR]
         if start < 0 or len(stretch) < len(probe.samples) + 2 * NEAR:
             continue
-        first = np.correlate(stretch[: half + 2 * NEAR], probe.samples[:half], "valid")
-        second = np.correlate(
-            stretch[half:][: half + 2 * NEAR], probe.samples[half : 2 * half], "valid"
-        )
-        if min(np.abs(first).max(), np.abs(second).max()) > 0:
-            ends = [crest(each, int(np.abs(each).argmax()))[0] for each in (first, second)]
-            found.append((ends[1] - ends[0]) / half)
+        parts = (stretch[: half + 2 * NEAR], stretch[half : 2 * half + 2 * NEAR])
+        pairs = zip(parts, halves, strict=True)
+        outputs = [np.correlate(part, burst, "valid") for part, burst in pairs]
+        first, second = (crest(each, int(np.abs(each).argmax()))[0] for each in outputs)
+        found.append((second - first) / half)
     return float(np.median(found)) if found else float("nan")

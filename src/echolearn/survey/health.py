@@ -33,7 +33,10 @@ SURE = 0.9
 SEGMENTS = 8
 """Stretches of a recording of which the quietest tells the noise."""
 
-CLEAR = 15.0
+FAINT = 0.05
+"""Power over the noise's below which it is not measurable: stretches of noise differ by as much."""
+
+CLEAR = 10.0
 """Height over the noise from which an arrival tells of the clocks."""
 
 
@@ -58,7 +61,7 @@ class Health:
         clipping: share of the loudest burst's length that is at the rails, shape (P, M).
         noise_db: level of the quietest stretch of each recording, full scale 0 dB, shape (P,): the
             noise, or the reverberation if that never ends.
-        snr_db: level of the whole recording over that, in dB, shape (P,); -inf if nothing is.
+        snr_db: level of the whole recording over that, in dB, shape (P,).
         clock_drift_ppm: rate of the player's clock over the recorder's less 1, in 1e-6.
         verdicts: what there is to say of each microphone, M lines; "fine" if nothing.
         mended, noticed, refused: lines, each of one kind of fault and all places where it is.
@@ -143,6 +146,7 @@ def examine(survey: Survey) -> Health:
     )
     noise = np.array([each.noise for each in found])
     rest = np.maximum(level[:, survey.used].mean(axis=1) / np.maximum(noise, 1e-30) - 1.0, 0.0)
+    rest = np.where(rest < FAINT, np.nan, rest)
     negative = _negative(walk.echo.sign * sign)
     return Health(
         numbers=survey.numbers,
@@ -157,7 +161,7 @@ def examine(survey: Survey) -> Health:
         level_db=walk.level_db,
         clipping=walk.levels.clipping,
         noise_db=_db(noise),
-        snr_db=_db(rest, floor=0.0),
+        snr_db=_db(rest),
         clock_drift_ppm=_drift(walk.echo),
         verdicts=tuple(verdicts.words),
         mended=tuple(_told(mending, walk, zero)),
@@ -260,8 +264,9 @@ def _fundamental(tones: tuple[tuple[float, ...], ...], sample_rate: float) -> fl
 
 
 def _drift(echo: Echo) -> float:
-    clear = np.isfinite(echo.drift) & (echo.seen.max(axis=1) > CLEAR)
-    return float(1e6 * np.median(echo.drift[clear])) if clear.any() else float("nan")
+    drift: Array = np.asarray(echo.drift)
+    clear = np.isfinite(drift) & (echo.seen.max(axis=1) > CLEAR)
+    return float(1e6 * np.median(drift[clear])) if clear.any() else float("nan")
 
 
 def _told(mending: Mending, walk: Walk, zero: TimeZero) -> list[str]:
@@ -276,14 +281,14 @@ def _told(mending: Mending, walk: Walk, zero: TimeZero) -> list[str]:
         turned = naming.microphones(mending.sign < 0)
         lines.append(f"{turned} wired the other way; turned")
     if mending.offset.any():
-        most = np.abs(walk.levels.offset[mending.offset]).max()
+        most = np.abs(np.asarray(walk.levels.offset)[mending.offset]).max()
         where = naming.recordings(numbers, mending.offset.any(axis=1))
         which = naming.microphones(mending.offset.any(axis=0))
         lines.append(f"offset up to {most:.3g} at {which} in {where}; subtracted")
     humming: Array = np.array([bool(each) for each in mending.tones])
     if humming.any():
         where = naming.recordings(numbers, humming)
-        most = _db(walk.levels.hum[humming].max(), floor=1e-30)
+        most = _db(np.asarray(walk.levels.hum)[humming].max())
         lines.append(f"hum of the mains up to {most:.0f} dB over the rest in {where}; subtracted")
     return lines
 

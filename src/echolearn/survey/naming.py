@@ -3,29 +3,28 @@
 from collections.abc import Sequence
 
 import numpy as np
-
-from echolearn.acoustics.types import Array
+from numpy.typing import ArrayLike
 
 SHOWN = 6
 """Recordings that a line names."""
 
 
-def microphones(which: Array) -> str:
+def microphones(which: ArrayLike) -> str:
     """Return "microphone 3" or "microphones 2, 3" for which of them, shape (M,), bool."""
     found = (np.flatnonzero(which) + 1).tolist()
-    if len(found) == len(which) > 1:
+    if len(found) == np.size(which) > 1:
         return f"all {len(found)} microphones"
     return f"microphone{'s' if len(found) > 1 else ''} {', '.join(map(str, found))}"
 
 
-def recordings(numbers: Sequence[int], which: Array) -> str:
+def recordings(numbers: Sequence[int], which: ArrayLike) -> str:
     """Return "recording 3" or "recordings 3, 4, 8" for which of them, shape (P,), bool.
 
     Args:
         numbers: `index` of each in `poses.csv`.
         which: those that are meant.
     """
-    found = [str(numbers[place]) for place in np.flatnonzero(which)]
+    found = [str(numbers[place]) for place in np.flatnonzero(which).tolist()]
     if len(found) == len(numbers) > 1:
         return f"all {len(found)} recordings"
     more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""

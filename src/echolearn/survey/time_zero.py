@@ -186,9 +186,7 @@ def _missing(direct: Direct, used: Array) -> Array:
     height = np.where(used, np.abs(direct.height), np.nan)
     with np.errstate(invalid="ignore"):
         there = np.isfinite(height).any(axis=0)
-        usual = np.array(
-            [np.nanmedian(h) if t else 0.0 for h, t in zip(height.T, there, strict=True)]
-        )
+        usual = np.nanmedian(np.where(there, height, 0.0), axis=0)
         visible = usual > LOUD * direct.noise
         soft = ~(height > 0.3 * usual)
     return visible.any(axis=-1) & ((visible & soft).sum(axis=-1) > visible.sum(axis=-1) / 2)
@@ -227,25 +225,25 @@ def _common(latency: Array, doubt: Array, *, numbers: Sequence[int], unit: _Unit
     """
     seen = np.isfinite(latency)
     usual = float(np.median(latency[seen]))
-    best = np.array(
-        [np.nanmin(row) if there else 0.0 for row, there in zip(doubt, seen, strict=True)]
-    )
+    best = np.nanmin(np.where(seen[:, None], doubt, 0.0), axis=-1)
     same = np.abs(latency - usual) <= np.maximum(2 * REST, 5 * best)
     hidden = f"; {naming.recordings(numbers, ~seen)}: not measurable at this SNR"
     hidden = "" if seen.all() else hidden
     if same[seen].all():
         late = rounded(np.full(len(latency), usual))
         if not late.any():
-            return TimeZero(
-                f"time zero is right, within {unit(max(abs(usual), 0.05))}{hidden}", late
-            )
-        return TimeZero(f"all recordings begin {unit(usual)} late{hidden}", late)
+            right = unit(max(abs(usual), 0.05))
+            return TimeZero(f"the direct path is in time, within {right}{hidden}", late)
+        return TimeZero(
+            f"the direct path arrives {unit(usual)} later than geometry says{hidden}", late
+        )
 
     lowest = unit(float(latency[seen].min()))
-    line = f"recordings begin {lowest} to {unit(float(latency[seen].max()))} late"
+    highest = unit(float(latency[seen].max()))
+    line = f"the direct path arrives {lowest} to {highest} later than geometry says"
     if not seen.all():
         where = naming.recordings(numbers, ~seen)
-        lost = f"{line}, and how late {where} is not measurable at this SNR: must be known of each"
+        lost = f"{line}, and in {where} is not measurable at this SNR: must be known of each"
         return TimeZero(line, np.zeros(len(latency)), (lost,))
     return TimeZero(line, rounded(latency))
 
