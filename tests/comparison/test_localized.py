@@ -197,7 +197,7 @@ def hovering(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_what_noise_alone_tells_goes_with_every_recording(hovering: Path, walk: Path) -> None:
     rotors = reader.read_survey(hovering)
-    alone = rotors.noise()
+    [alone] = rotors.noise()
     assert alone is not None
     observation = rotors.observe([3])
     assert np.array_equal(observation.noise_psd, noise_psd(alone))

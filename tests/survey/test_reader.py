@@ -136,10 +136,26 @@ def test_a_damaged_header_is_an_error_or_a_recording(
 
 
 def test_noise_alone_may_be_longer_than_a_recording_and_may_be_absent(folder: Path) -> None:
-    assert read_survey(folder).noise() is None
+    assert list(read_survey(folder).noise()) == []
     noise = np.random.default_rng(1).standard_normal((3, 1000)).astype(np.float32)
     (folder / "noise.wav").write_bytes(wav_bytes(noise, 22050.0))
-    assert np.array_equal(read_survey(folder).noise(), noise)
+    [read] = read_survey(folder).noise()
+    assert np.array_equal(read, noise)
+
+
+def test_noise_in_pieces_is_all_of_it_and_measured_as_a_whole(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noise = np.random.default_rng(2).standard_normal((3, 100_000)).astype(np.float32)
+    (folder / "noise.wav").write_bytes(wav_bytes(noise, 22050.0))
+    psd, covariance = read_survey(folder).noise_statistics
+    monkeypatch.setattr(reader, "SAMPLES", 90_000)
+    pieces = [*read_survey(folder).noise()]
+    assert [piece.shape[1] for piece in pieces] == [33333, 33333, 33334]
+    assert np.array_equal(np.concatenate(pieces, axis=1), noise)
+    found = read_survey(folder).noise_statistics
+    assert np.allclose(found[0], psd, rtol=0.02) and np.allclose(found[1], covariance, atol=0.02)
+    assert np.allclose(np.einsum("fmm->mf", found[1]), found[0])
 
 
 # ---------------------------------------------------------------- the direct path

@@ -108,8 +108,7 @@ def noise_psd(recording: Array, *, frame: int = STFT_FRAME) -> Array:
     Raises:
         BadValue: a recording shorter than two frames, or not finite.
     """
-    spectra = _noise_spectra(recording, frame)
-    return np.mean(np.abs(spectra) ** 2, axis=-1) / np.sum(np.hanning(frame + 1)[:-1] ** 2)
+    return _density(_noise_spectra(recording, frame), frame)
 
 
 def noise_covariance(recording: Array, *, frame: int = STFT_FRAME) -> Array:
@@ -120,7 +119,21 @@ def noise_covariance(recording: Array, *, frame: int = STFT_FRAME) -> Array:
     Raises:
         BadValue: a recording shorter than two frames, or not finite.
     """
-    bins = np.moveaxis(_noise_spectra(recording, frame), -3, -2)
+    return _covariance(_noise_spectra(recording, frame), frame)
+
+
+def noise_statistics(recording: Array, *, frame: int = STFT_FRAME) -> tuple[Array, Array]:
+    """Return `noise_psd` and `noise_covariance` of noise (M, N), from the same spectra."""
+    spectra = _noise_spectra(recording, frame)
+    return _density(spectra, frame), _covariance(spectra, frame)
+
+
+def _density(spectra: Array, frame: int) -> Array:
+    return np.mean(np.abs(spectra) ** 2, axis=-1) / np.sum(np.hanning(frame + 1)[:-1] ** 2)
+
+
+def _covariance(spectra: Array, frame: int) -> Array:
+    bins = np.moveaxis(spectra, -3, -2)
     return bins @ bins.conj().mT / (bins.shape[-1] * np.sum(np.hanning(frame + 1)[:-1] ** 2))
 
 

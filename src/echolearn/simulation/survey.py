@@ -94,9 +94,8 @@ def survey(
 
 def _walk(room: Room, scene: Scene, *, poses: int, start: float) -> list[Pose]:
     """Return the poses, all of them inside the room, and no more than a manifest can name."""
+    check_whole("poses", poses, low=2, high=MOST, hint="longer walks are several surveys")
     walk = trajectory(room, poses=poses, start=start)
-    hint = "walk in several surveys"
-    check(len(walk) <= MOST, "poses", poses, allowed=f"must be at most {MOST}", hint=hint)
     for pose in walk:
         check_inside(room, pose, array=scene.array)
     return walk

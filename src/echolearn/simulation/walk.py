@@ -34,6 +34,9 @@ TURNS = 3.0
 FALL = 0.8
 """Turns after which the spiral has fallen to half the size of the first turn."""
 
+MOST = 1_000_000
+"""Poses of a walk, about 300 bytes each."""
+
 LEAST = 2 * (CLEARANCE + WEAVE + 0.1)
 """Shortest side of a room that holds the margins to both walls, in m."""
 
@@ -50,9 +53,9 @@ def trajectory(room: Room, *, poses: int = 160, start: float = 0.6) -> list[Pose
         P poses, heading along the path's tangent.
 
     Raises:
-        BadValue: fewer than 2 poses, or margins that the room cannot hold.
+        BadValue: fewer than 2 poses or more than `MOST`, or margins that the room cannot hold.
     """
-    check_whole("poses", poses, low=2)
+    check_whole("poses", poses, low=2, high=MOST)
     check_number("start", start, low=-10.0, high=10.0, unit="rad")
     far = f"{CLEARANCE:g} to {CLEARANCE + WEAVE:g} m"
     check(

@@ -7,8 +7,9 @@ into a page, what the header declares is compared with what is wanted before any
 FLAC has a checksum in every frame, so a flipped bit is an error there; in WAV it is noise.
 """
 
-import shlex
+from collections.abc import Iterator
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -53,27 +54,56 @@ def read_wav(path: Path, sample_rate: float) -> Array:
     Raises:
         BadValue: as `wav_samples`, or the file is absent or too large.
     """
+    return wav_samples(_content(path), sample_rate, name=str(path))
+
+
+def _content(path: Path) -> bytes:
+    """Return the bytes of an audio file, or raise `BadValue`."""
     check_size(path, LARGEST)
     try:
-        content = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise BadValue(f"{path}: cannot be read as WAV ({one_line(error)})") from None
-    return wav_samples(content, sample_rate, name=str(path))
 
 
-def wav_samples(content: bytes, sample_rate: float, *, name: str) -> Array:
+def wav_pieces(path: Path, sample_rate: float, *, samples: int) -> Iterator[Array]:
+    """Yield the samples (M, n) of a WAV file in pieces, as float64: 8 times what 8 bits take.
+
+    Args:
+        path: the file.
+        sample_rate: sample rate that it must have, in Hz.
+        samples: least number n of samples in a piece; all have fewer than twice as many.
+
+    Raises:
+        BadValue: as `read_wav`.
+    """
+    content = _content(path)
+    try:
+        whole = wav.length(content)
+    except ValueError as error:
+        raise BadValue(f"{path}: cannot be read as WAV ({one_line(error)})") from None
+    count = max(1, whole // samples)
+    ends = [whole * piece // count for piece in range(count + 1)]
+    for start, stop in pairwise(ends):
+        yield wav_samples(content, sample_rate, name=str(path), start=start, stop=stop)
+
+
+def wav_samples(
+    content: bytes, sample_rate: float, *, name: str, start: int = 0, stop: int | None = None
+) -> Array:
     """Return the samples of WAV as float64, shape (M, N).
 
     Args:
         content: of a file.
         sample_rate: sample rate that it must have, in Hz.
         name: name of the file in errors.
+        start, stop: the first sample that is wanted, and the one after the last.
 
     Raises:
         BadValue: no WAV, it ends before its header says so, it has another sample rate, or NaN.
     """
     try:
-        rate, samples = wav.read(content)
+        rate, samples = wav.read(content, start=start, stop=stop)
     except ValueError as error:
         raise BadValue(f"{name}: cannot be read as WAV ({one_line(error)})") from None
     _check_rate(name, rate, wanted=sample_rate)
@@ -108,8 +138,7 @@ def read_flac(path: Path, sample_rate: float, *, shape: tuple[int, int]) -> Arra
     try:
         import soundfile
     except (ImportError, OSError):  # the latter where it comes without its library
-        unpack = f"flac -d {shlex.quote(path.name)}, and name the WAV in poses.csv"
-        mend = f"pip install soundfile, or: {unpack}"
+        mend = "pip install soundfile, or unpack it, flac -d, and name the WAV in poses.csv"
         raise BadValue(f"{path}: FLAC needs soundfile; {mend}") from None
     try:
         with path.open("rb") as file:

@@ -90,7 +90,8 @@ def verify_survey(folder: Path) -> str:
     survey, files = read_proved(folder)
     for pose in range(len(survey.poses)):
         survey.observe([pose])
-    survey.noise()
+    for _ in survey.noise():
+        pass
     readable = f"readable, {len(survey.poses)} recordings"
     if files:
         return f"whole, {files} files; {readable}"

@@ -18,7 +18,7 @@ Positions are of the loudspeaker in the room's frame; times count from the emiss
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -170,34 +170,55 @@ class Survey:
     @cached_property
     def noise_statistics(self) -> tuple[Array, Array] | tuple[None, None]:
         """Density and covariance of the noise alone, at the rate of what is read, if recorded."""
-        alone = self.noise()
-        if alone is None:
+        statistics = []
+        lengths = []
+        for piece in self.noise():
+            statistics.append(signals.noise_statistics(self._resampled(piece)))
+            lengths.append(piece.shape[1])
+        if not statistics:
             return None, None
-        alone = self._resampled(alone)
-        return signals.noise_psd(alone), signals.noise_covariance(alone)
+        # Of a single piece, which most are, this is exactly what was measured.
+        shares = np.array(lengths) / sum(lengths)
+        psd, covariance = (
+            sum(share * each for share, each in zip(shares, parts, strict=True))
+            for parts in zip(*statistics, strict=True)
+        )
+        return psd, covariance
 
-    def noise(self) -> Array | None:
-        """Read the noise alone, shape (M, K), or None where it was not recorded.
+    def noise(self) -> Iterator[Array]:
+        """Read the noise alone, in pieces (M, n); none where it was not recorded.
 
         Raises:
             BadValue: as `observe`, or fewer samples than an observation has.
         """
-        if not (self.folder / NOISE).exists():
-            return None
-        alone = self._read_beside(NOISE, least=self.probe.length)
+        path = self.folder / NOISE
+        if not path.exists():
+            return
         # Of a microphone that is left out no level is wanted, but one is needed.
-        return (
-            alone if self.gains is None else np.where(self.used, self.gains, 1.0)[:, None] * alone
-        )
+        gains = 1.0 if self.gains is None else np.where(self.used, self.gains, 1.0)[:, None]
+        size = max(self.probe.length, SAMPLES // len(self.array))
+        for piece in audio.wav_pieces(path, self.probe.sample_rate, samples=size):
+            self._check_beside(path, piece, least=self.probe.length)
+            yield gains * piece
 
     def _read_beside(self, name: str, *, least: int = 1) -> Array:
         """Return what was recorded beside the walk, of at least so many samples, shape (M, K)."""
         path = self.folder / name
         samples = audio.read_wav(path, self.probe.sample_rate)
+        self._check_beside(path, samples, least=least)
+        return samples
+
+    def _check_beside(self, path: Path, samples: Array, *, least: int) -> None:
+        """Raise `BadValue` unless a recording (M, K) has the array's channels, and is long enough.
+
+        Args:
+            path: its file.
+            samples: shape (M, K).
+            least: number of samples K.
+        """
         fits = samples.shape[0] == len(self.array) and samples.shape[1] >= least
         allowed = f"must be {len(self.array)} channels of at least {least} samples"
         check(fits, str(path), samples.shape, allowed=allowed)
-        return samples
 
     def recording(self, pose: int) -> Array:
         """Return what was recorded at a pose, by the gains, shape (M, N).

@@ -67,20 +67,33 @@ class Format(NamedTuple):
     order: str
 
 
-def read(content: bytes) -> tuple[int, Array]:
+def read(content: bytes, *, start: int = 0, stop: int | None = None) -> tuple[int, Array]:
     """Return sample rate and samples of a WAV file, shape (M, N), PCM scaled to -1 ... 1.
+
+    Args:
+        content: of the file.
+        start, stop: the first sample that is wanted, and the one after the last; to the end if
+            None.
 
     Raises:
         ValueError: no WAV, or one that is damaged; says in one line what is wrong.
     """
     told, data = _chunks(content)
     width = told.width
+    frame = width * told.channels
+    data = data[start * frame : None if stop is None else stop * frame]
     if told.kind == FLOAT:
         samples = np.frombuffer(data, f"{told.order}f{width}").astype(float)
     else:
         whole = _whole(data, width, order=told.order)
         samples = _scaled(whole.reshape(-1, told.channels), told.bits, word=8 * width).ravel()
     return told.rate, np.ascontiguousarray(samples.reshape(-1, told.channels).T)
+
+
+def length(content: bytes) -> int:
+    """Return the number of samples of each channel of a WAV file; ValueError as of `read`."""
+    told, data = _chunks(content)
+    return len(data) // (told.width * told.channels)
 
 
 def _chunks(content: bytes) -> tuple[Format, bytes]:
