@@ -250,19 +250,31 @@ def test_a_set_is_made_once_verified_and_mended(here: Path, capsys: Captured) ->
     assert content(made) == before
 
 
-@pytest.mark.parametrize("name", ["", "name=007"])
-def test_the_advice_against_damage_makes_the_same_again(name: str, capsys: Captured) -> None:
-    words = "room.size=[5,4.5,3] room.t60=0.25 poses=3 scene.probe.length=6000 snr_db=10".split()
-    words += name.split()
-    assert main(["survey", *words]) == 0
-    made = Path(capsys.readouterr().out.strip())
+@pytest.mark.parametrize(
+    ("words", "lost", "there"),
+    [
+        ([], "poses.csv", "."),
+        (["name=007"], "simulated.json", "elsewhere"),
+        (["name='it\\'s (1)'", "runs='a, b'"], "observations/0001.wav", "elsewhere"),
+    ],
+)
+def test_the_advice_against_damage_makes_the_same_again(
+    words: list[str], lost: str, there: str, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From whatever folder, and whatever `runs` is called."""
+    usual = "room.size=[5,4.5,3] room.t60=0.25 poses=3 scene.probe.length=6000 snr_db=10".split()
+    assert main(["survey", *usual, *words]) == 0
+    made = Path(capsys.readouterr().out.strip()).resolve()
     before = content(made)
-    (made / "poses.csv").write_text("index")
+    (made / lost).unlink()
+    Path(there).mkdir(exist_ok=True)
+    monkeypatch.chdir(there)
     assert main(["verify", f"{made}"]) == 1
-    advice = capsys.readouterr().err.strip().partition("run again: ")[2]
-    assert shlex.split(advice) == ["echolearn", "survey", *words]
-    assert main(shlex.split(advice)[1:]) == 0
+    advice = shlex.split(capsys.readouterr().err.strip().partition("run again: ")[2])
+    assert advice[:2] == ["echolearn", "survey"]
+    assert main(advice[1:]) == 0
     assert content(made) == before
+    assert list(Path().iterdir()) == ([] if there != "." else [Path("runs")])
 
 
 def test_an_interrupted_set_is_continued_to_the_same_bytes(here: Path) -> None:

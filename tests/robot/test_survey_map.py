@@ -311,7 +311,7 @@ def far(walk: Path) -> None:
         (None, {"survey": Path(__file__)}, "it is a file"),
         (None, {"survey": Path("bundle")}, "this is a bundle; did you swap survey and bundle?"),
         (None, {"bundle": Path("survey")}, "this is a survey; did you swap survey and bundle?"),
-        (None, {"name": "../up"}, "name=../up: must be letters"),
+        (None, {"name": "../up"}, "name=../up: must be a name without /"),
         (None, {"resolution": 0}, "resolution=0 m: must be a number from 0.005 to 1 m"),
         (None, {"resample": "maybe"}, "resample=maybe: must be true or false"),
         (None, {"ros": "yes"}, "ros=yes: must be true or false"),

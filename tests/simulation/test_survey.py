@@ -1,9 +1,12 @@
 """Simulated walks: the recordings are those of the poses, the folder is whole, always the same, and
 nobody else's."""
 
+import math
 import shutil
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -17,9 +20,10 @@ from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.rotor import Rotor
 from echolearn.simulation.observe import observe
+from echolearn.simulation.rir.pyroom import Pyroom
 from echolearn.simulation.survey import noise_length, survey
 from echolearn.simulation.walk import trajectory
-from echolearn.storage import manifests
+from echolearn.storage import journal, manifests
 from echolearn.survey import reader
 from refusals import refused
 
@@ -113,7 +117,9 @@ def test_a_finished_survey_is_left_alone(copy, walk, tmp_path):
     assert {path: path.stat().st_mtime_ns for path in copy.rglob("*")} == before
 
 
-@pytest.mark.parametrize("name", ["observations/0002.wav", "poses.csv", "manifest.json"])
+@pytest.mark.parametrize(
+    "name", ["observations/0002.wav", "poses.csv", "manifest.json", "simulated.json"]
+)
 def test_a_damaged_survey_is_named_and_made_again(finished, copy, walk, tmp_path, name):
     content = bytearray((copy / name).read_bytes())
     content[len(content) // 2] ^= 1
@@ -122,6 +128,51 @@ def test_a_damaged_survey_is_named_and_made_again(finished, copy, walk, tmp_path
         manifests.verify(copy)
     walk(tmp_path)
     assert contents(copy) == contents(finished)
+
+
+@dataclass(frozen=True)
+class Mortal(Pyroom):
+    """Responses of a room until a budget is used up; then whoever asks for more is killed."""
+
+    budget: ClassVar[float] = math.inf
+
+    def __call__(self, *arguments, **more):
+        type(self).budget -= 1
+        if self.budget < 0:
+            raise KeyboardInterrupt
+        return super().__call__(*arguments, **more)
+
+
+def test_a_walk_that_was_killed_goes_on_at_its_pose(walk, brief, tmp_path, monkeypatch):
+    """Wherever that was, whatever it has left, and whatever has been damaged since."""
+    walk = partial(walk, scene=replace(brief, rir=Mortal()))
+    whole = contents(walk(tmp_path / "whole"))
+    runs, folder = tmp_path / "killed", tmp_path / "killed/survey/few"
+    for survived in range(4):
+        monkeypatch.setattr(Mortal, "budget", int(survived > 0))
+        with pytest.raises(KeyboardInterrupt):
+            walk(runs)
+        assert len(list(folder.glob("observations/*.wav"))) == survived
+        if survived:
+            with (folder / journal.JOURNAL).open("a") as torn:
+                torn.write('{"observations/0003.wav": {"by')
+            (folder / "observations/.0003.wav.0123456789ab.tmp").write_bytes(b"torn")
+    (folder / "simulated.json").unlink()
+    damaged = folder / "observations/0001.wav"
+    damaged.write_bytes(damaged.read_bytes()[:-1] + b"?")
+    monkeypatch.setattr(Mortal, "budget", 2)
+    assert contents(walk(runs)) == whole
+
+
+def test_of_a_damaged_survey_only_what_is_damaged_is_made_again(walk, brief, tmp_path, monkeypatch):
+    walk = partial(walk, scene=replace(brief, rir=Mortal()))
+    folder = walk(tmp_path)
+    whole = contents(folder)
+    for name, budget in (("simulated.json", 0), ("poses.csv", 0), ("observations/0002.wav", 1)):
+        (folder / name).unlink()
+        monkeypatch.setattr(Mortal, "budget", budget)
+        walk(tmp_path)
+        assert contents(folder) == whole
 
 
 def test_an_unfinished_survey_is_finished(finished, copy, walk, tmp_path):

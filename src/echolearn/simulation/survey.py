@@ -3,13 +3,13 @@
     room --trajectory--> poses --observe--> recordings and what describes them --> manifest
 
 The format is that of `survey.reader`. Beside it stands `simulated.json`, what the survey is made
-from: by it a survey is known as ours, and the same command finds it finished.
+from: by it a survey is known as ours, and the same command finds it finished, or goes on where
+another was killed (`storage.journal`).
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import noise_alone, observe
 from echolearn.simulation.scene import Scene, noise_kind
 from echolearn.simulation.walk import trajectory
-from echolearn.storage import files, manifests
+from echolearn.storage import journal, manifests
 from echolearn.storage.identity import plain
 from echolearn.storage.once import once
 from echolearn.survey import audio, reader
@@ -105,22 +105,18 @@ def _make(
     folder: Path,
     about: Mapping[str, Any],
     *,
-    record: Callable[[], Iterator[tuple[str, bytes]]],
+    record: Callable[[], Iterator[journal.Content]],
     command: str | None,
 ) -> Path:
-    """Write the files of a survey, and declare it finished."""
-    # The first file is made before any is written: what cannot be simulated leaves nothing.
-    contents = record()
-    first = next(contents)
-
-    files.clean(folder)
-    files.save_json(folder / BEGUN, about)
-    names = [BEGUN]
-    for name, content in chain([first], contents):
-        files.write_atomic(folder / name, content)
-        names.append(name)
-    made = {**about, **manifests.command_entry(command)}
-    manifests.finish(folder, made, names, largest=manifests.FOREIGN)
+    """Write those files of a survey that are not there yet, and declare it finished."""
+    names = journal.make_missing(folder, about, record(), begun=BEGUN)
+    try:
+        # Of a survey that was mended the manifest still holds, as whoever made it had it.
+        manifests.verify(folder)
+    except BadValue:
+        made = {**about, **manifests.command_entry(command)}
+        manifests.finish(folder, made, names, largest=manifests.FOREIGN)
+    journal.end(folder)
     return folder
 
 
@@ -165,24 +161,28 @@ def _finished(folder: Path, about: Mapping[str, Any]) -> Path | None:
     Raises:
         BadValue: recordings of another origin, or a survey made with other settings.
     """
-    foreign = folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / BEGUN).is_file()
+    empty = not folder.is_dir() or not any(folder.glob("[!.]*"))
+    # `simulated.json` may have been lost: any of the others tells as well that it is ours.
+    signs = (BEGUN, journal.JOURNAL, manifests.MANIFEST)
+    ours = empty or any((folder / name).is_file() for name in signs)
     allowed = "must be a new name, or that of a simulated survey"
     hint = f"{folder} holds recordings of another origin"
-    check(not foreign, "name", folder.name, allowed=allowed, hint=hint)
+    check(ours, "name", folder.name, allowed=allowed, hint=hint)
 
     try:
         manifest = manifests.load_manifest(folder)
     except BadValue:
         return None
-    same = all(manifest.get(key) == value for key, value in about.items())
     allowed = "must be a new name, or that of a survey made with the same settings"
     hint = f"{folder} was made with others, or by echolearn 0.1; remove it to make it anew"
+    same = all(manifest.get(key) == value for key, value in about.items())
     check(same, "name", folder.name, allowed=allowed, hint=hint)
 
     try:
         manifests.verify(folder)
     except BadValue:
         return None
+    journal.end(folder)
     return folder
 
 
@@ -194,32 +194,41 @@ def _record(
     levels: NoiseLevels,
     seed: int,
     seconds: float,
-) -> Iterator[tuple[str, bytes]]:
-    """Yield the files of a survey one after the other, each as its name and content."""
+) -> Iterator[journal.Content]:
+    """Yield the files of a survey one after the other, each as its name and what makes it."""
     probe = scene.probe
-    if seconds:
-        rng = stream(seed, "noise alone", 0)
-        alone = noise_alone(room, walk[0], scene=scene, seconds=seconds, levels=levels, rng=rng)
-        yield reader.NOISE, audio.wav_bytes(alone, probe.sample_rate)
 
-    names = []
-    for index, pose in enumerate(track(walk, "survey", unit="poses")):
+    def alone() -> bytes:
+        rng = stream(seed, "noise alone", 0)
+        noise = noise_alone(room, walk[0], scene=scene, seconds=seconds, levels=levels, rng=rng)
+        return audio.wav_bytes(noise, probe.sample_rate)
+
+    def recording(index: int, pose: Pose) -> bytes:
         rng = stream(seed, "observation", index)
         observation, _ = observe(room, pose, scene=scene, levels=levels, rng=rng)
+        return audio.wav_bytes(observation.samples, probe.sample_rate)
+
+    if seconds:
+        yield reader.NOISE, alone
+    names = []
+    for index, pose in enumerate(track(walk, "survey", unit="poses")):
         names.append(f"observations/{index:04d}.wav")
-        yield names[-1], audio.wav_bytes(observation.samples, probe.sample_rate)
-    yield "poses.csv", poses_csv(walk, names)
+        yield names[-1], partial(recording, index, pose)
+    yield "poses.csv", partial(poses_csv, walk, names)
 
     padded = np.pad(probe.samples, (0, probe.length - len(probe.samples)))
-    yield "probe.wav", audio.wav_bytes(padded, probe.sample_rate)
+    yield "probe.wav", partial(audio.wav_bytes, padded, probe.sample_rate)
 
     noise = noise_kind(plain(scene), sensor=levels.snr_db is not None)
     given = {**_given(levels), "noise": noise, "room": list(room.size), "t60": room.t60}
-    text = description_bytes(
-        scene.array,
-        probe,
-        speed_of_sound=scene.speed_of_sound,
-        walls=outline(room),
-        conditions=given,
+    yield (
+        "survey.yaml",
+        partial(
+            description_bytes,
+            scene.array,
+            probe,
+            speed_of_sound=scene.speed_of_sound,
+            walls=outline(room),
+            conditions=given,
+        ),
     )
-    yield "survey.yaml", text
