@@ -265,14 +265,14 @@ BAD: tuple[tuple[dict[str, Any], str], ...] = (
     (
         {"tested": ["grid", "paper"]},
         "tested=paper: must be the name of exactly one finished set; "
-        "run: echolearn generate plan=paper runs={runs}",
+        "run: echolearn generate plan=paper",
     ),
     ({"tested": []}, "tested=[]: must name at least one labelled set"),
     ({"tested": ["grid", "grid"]}, "tested=grid, grid: must hold each name only once"),
     (
         {"surveys": ["barn_0dB"]},
         "surveys=barn_0dB: must be the name of a finished survey; "
-        "run: echolearn survey room=barn snr_db=0 runs={runs}",
+        "run: echolearn survey room=barn snr_db=0",
     ),
     ({"surveys": ["a", "a"]}, "surveys=a, a: must hold each name only once"),
     ({"localizers": {}}, "localizers={}: must hold at least one, to localize the surveys"),

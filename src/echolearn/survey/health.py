@@ -301,6 +301,7 @@ def mended(survey: Survey, health: Health) -> Survey:
     """
     if health.refused:
         more = len(health.refused) - 1
-        others = f" (and {more} more: echolearn check survey={survey.folder})" if more else ""
+        check = shlex.join(["echolearn", "check", assignment("survey", str(survey.folder))])
+        others = f" (and {more} more: {check})" if more else ""
         raise BadValue(f"{survey.folder}: {health.refused[0]}{others}")
     return replace(survey, mending=health.mending)
