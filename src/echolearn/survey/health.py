@@ -8,6 +8,7 @@ number. Each recording is measured by itself (`levels`, `time_zero`, `echoes`), 
 judged together (`time_zero`, `channels`): what one recording seems to say need not be so.
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar
@@ -16,6 +17,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
+from echolearn.storage.advice import assignment
 from echolearn.survey import channels, echoes, levels, naming, time_zero
 from echolearn.survey.arrivals import arrivals
 from echolearn.survey.channels import Walk
@@ -301,7 +303,7 @@ def mended(survey: Survey, health: Health) -> Survey:
     """
     if health.refused:
         more = len(health.refused) - 1
-        check = shlex.join(["echolearn", "check", assignment("survey", str(survey.folder))])
-        others = f" (and {more} more: {check})" if more else ""
+        page = shlex.join(["echolearn", "check", assignment("survey", str(survey.folder))])
+        others = f" (and {more} more: {page})" if more else ""
         raise BadValue(f"{survey.folder}: {health.refused[0]}{others}")
     return replace(survey, mending=health.mending)
