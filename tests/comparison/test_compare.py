@@ -3,6 +3,7 @@ what stops it."""
 
 import csv
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -159,14 +160,14 @@ def test_seeds_that_the_threshold_lacks_are_not_tested() -> None:
     assert [row["classifier"] for row in found] == ["early"]
 
 
+# ---------------------------------------------------------------- bytes, and what is made again
+
+
 def flip(path: Path) -> None:
     """Turn one bit in the middle of a file."""
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(bytes(content))
-
-
-# ---------------------------------------------------------------- bytes, and what is made again
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -228,37 +229,22 @@ def test_other_inputs_are_evaluated_anew(world: World, compared: Path, tmp_path:
 INPUTS = "runs sets surveys localizers resamples report".split()
 
 
-@pytest.mark.parametrize("name", INPUTS)
-def test_every_input_is_part_of_the_identity(
-    compared: Path, comparison: Comparison, name: str
+def test_every_input_is_part_of_the_identity_and_damage_is_seen(
+    compared: Path, comparison: Comparison, tmp_path: Path
 ) -> None:
     manifest = manifests.load_manifest(compared)
     assert manifest["chosen"] == chosen_run(comparison).identity
     inputs = manifest["inputs"]
-    assert set(inputs) == set(INPUTS)
-    assert _finished(compared, inputs) == compared
-    assert _finished(compared, inputs | {name: "another"}) is None
-
-
-@pytest.mark.parametrize("name", ["report.html", "figures/bands.svg", "manifest.json"])
-def test_a_damaged_comparison_is_not_finished(compared: Path, tmp_path: Path, name: str) -> None:
+    assert list(inputs) == sorted(INPUTS)
     folder = Path(shutil.copytree(compared, tmp_path / "copy"))
-    inputs = manifests.load_manifest(folder)["inputs"]
-    flip(folder / name)
+    assert _finished(folder, inputs) == folder
+    for name in INPUTS:
+        assert _finished(folder, inputs | {name: "another"}) is None
+    flip(folder / "figures" / "bands.svg")
     assert _finished(folder, inputs) is None
 
 
 # ---------------------------------------------------------------- what stops it
-
-
-@pytest.fixture
-def copied(world: World, tmp_path: Path) -> Path:
-    """Return a world of which things can be broken: everything is copied."""
-    return Path(
-        shutil.copytree(
-            world.runs, tmp_path / "runs", ignore=shutil.ignore_patterns("compare", "events*")
-        )
-    )
 
 
 BAD: tuple[tuple[dict[str, Any], str], ...] = (
@@ -308,50 +294,63 @@ def test_a_readme_without_markers_stops_it_before_any_work(world: World, tmp_pat
     "name",
     [
         "survey/hall_0dB/observations/0007.wav",
-        "survey/hall_0dB/survey.yaml",
         "data/offgrid_hall-*/shard-00000.npy",
         "train/svm_pair-grid-s0-*/model.onnx",
         "train/svm_pair-grid-s0-*/metrics.json",
     ],
 )
-def test_what_is_damaged_stops_it(world: World, copied: Path, name: str) -> None:
-    [path] = copied.glob(name)
+def test_what_is_damaged_stops_it(world: World, tmp_path: Path, name: str) -> None:
+    for part in ("data", "survey", "train"):
+        if name.startswith(part):
+            shutil.copytree(world.runs / part, tmp_path / part)
+        else:
+            (tmp_path / part).symlink_to(world.runs / part)
+    [path] = tmp_path.glob(name)
     flip(path)
-    with pytest.raises(
-        BadValue, match=rf"{path.parent.name}/{path.name}: (damaged|cannot be read)"
-    ):
-        compare(name="bad", **world.arguments | {"runs": copied})
-    assert not (copied / "compare" / "bad").exists()
+    with pytest.raises(BadValue, match=rf"{path.parent.name}/{path.name}: damaged"):
+        compare(name="bad", **world.arguments | {"runs": tmp_path})
+    assert not (tmp_path / "compare").exists()
 
 
-def test_two_sets_of_one_name_are_one_too_many(world: World, tmp_path: Path) -> None:
+# ---------------------------------------------------------------- what is found
+
+
+Put = Callable[[str], Path]
+
+
+@pytest.fixture
+def put(world: World, tmp_path: Path) -> Put:
+    """Return a function that copies a set to a folder of another name."""
+    grid = world.sets["grid"].folder
+    return lambda name: Path(shutil.copytree(grid, tmp_path / "data" / name))
+
+
+def test_two_sets_of_one_name_are_one_too_many(put: Put, tmp_path: Path) -> None:
     for number in range(2):
-        folder = tmp_path / "data" / f"grid-{number:012x}"
-        shutil.copytree(world.sets["grid"].folder, folder)
+        put(f"grid-{number:012x}")
     with pytest.raises(
         BadValue, match=r"^tested=grid: .*; remove the outdated: .*grid-0+, .*grid-0+1$"
     ):
         find_set(tmp_path, "grid")
 
 
-def test_a_set_of_another_version_is_passed_over(world: World, tmp_path: Path) -> None:
-    old, new = (tmp_path / "data" / f"grid-{number:012x}" for number in range(2))
-    shutil.copytree(world.sets["grid"].folder, old)
+def test_a_set_of_another_version_is_passed_over(world: World, put: Put, tmp_path: Path) -> None:
+    old = put("grid-0123456789ab")
     manifest = manifests.load_manifest(old)
     plan = {key: value for key, value in manifest["plan"].items() if key != "role"}
     manifests.finish(old, manifest | {"format": 1, "plan": plan}, manifest["files"])
     with pytest.raises(BadValue, match=r"another version of echolearn; run: echolearn generate"):
         find_set(tmp_path, "grid")
-    shutil.copytree(world.sets["grid"].folder, new)
+    new = put("grid-123456789abc")
     assert find_set(tmp_path, "grid") == new
     (tmp_path / "train").symlink_to(world.runs / "train")
     inputs = load_inputs(tmp_path, tested=["grid"], surveys=[], localizers={})
     assert inputs.roles == {"grid": "grid"}
 
 
-def test_a_set_is_found_by_its_whole_name(world: World, tmp_path: Path) -> None:
+def test_a_set_is_found_by_its_whole_name(put: Put, tmp_path: Path) -> None:
     for name in ("grid", "grid-fine", "grid_planar"):
-        shutil.copytree(world.sets["grid"].folder, tmp_path / "data" / f"{name}-0123456789ab")
+        put(f"{name}-0123456789ab")
     for name in ("grid", "grid_planar"):
         assert find_set(tmp_path, name).name == f"{name}-0123456789ab"
     with pytest.raises(BadValue, match="tested=planar"):
@@ -361,8 +360,7 @@ def test_a_set_is_found_by_its_whole_name(world: World, tmp_path: Path) -> None:
         find_set(tmp_path, "grid")
 
 
-def test_a_survey_is_found_once_it_finished(world: World, tmp_path: Path) -> None:
-    assert find_survey(world.runs, WALKS[0]) == world.runs / "survey" / WALKS[0]
+def test_a_survey_is_found_once_it_finished(tmp_path: Path) -> None:
     (tmp_path / "survey" / "half").mkdir(parents=True)
     with pytest.raises(BadValue, match="surveys=half"):
         find_survey(tmp_path, "half")

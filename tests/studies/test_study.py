@@ -12,7 +12,6 @@ from echolearn.checks import BadValue
 from echolearn.cli import config
 from echolearn.cli.compose import compose
 from echolearn.localization.methods.joint import Joint
-from echolearn.storage.identity import plain
 from echolearn.studies.accuracy import METRICS
 from echolearn.studies.run import estimate
 from echolearn.studies.study import Study
@@ -97,16 +96,6 @@ def test_ten_times_the_pings_are_worth_ten_decibels(small, snr_db, pings):
     one, many = (estimate(deep, value)["hit"][:, 0, ON_MAP].mean() for value in deep.values)
     assert many >= 0.9
     assert one <= 0.5
-
-
-def test_faults_stand_in_the_order_in_which_they_are_given(small):
-    faults = ["positions_5mm", "none", "one_dead"]
-    assert replace(small, vary="fault", values=faults).values == faults
-
-
-def test_what_a_study_is_made_of_tells_it_from_others(small, walk):
-    assert plain(replace(small, pings=2))["pings"] == 2
-    assert plain(walk)["places"] == "walk"
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
