@@ -156,6 +156,12 @@ def check_name(name: str, value: object) -> None:
     )
 
 
+def check_choice(name: str, value: object, *choices: str) -> None:
+    """Raise `BadValue` unless `value` is one of two choices or more."""
+    *others, last = choices
+    check(value in choices, name, value, allowed=f"must be {', '.join(others)} or {last}")
+
+
 def check_list(
     name: str, value: object, *, length: int | None = None, allowed: str = "must be a list, [a,b]"
 ) -> None:

@@ -106,7 +106,7 @@ def test_recordings_that_cannot_be_used_are_refused(read, tmp_path, samples, mes
 
 @pytest.mark.parametrize("channel", [None, 3, 0, "left", True])
 def test_channels_that_are_not_there_are_refused(read, channel):
-    message = "must be from 1 to 2, or mix; the file has 2 channels"
+    message = "must be a whole number from 1 to 2; that many has the file; mix is"
     with refused(f"diffuse.source.channel={channel}: {message}"):
         read(tones(channels=2), channel=channel)
 

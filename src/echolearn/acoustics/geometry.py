@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from echolearn.acoustics.types import SPEED_OF_SOUND, Array, MicArray, Pose, Room, Truth
-from echolearn.checks import check, check_number, check_whole
+from echolearn.checks import check, check_choice, check_number, check_whole
 
 
 def circular_array(*, microphones: int = 6, radius: float = 0.2, offset: float = 0.0) -> MicArray:
@@ -219,8 +219,7 @@ class SearchWindow:
         check_number("window.farthest", self.farthest, low=0.1, high=100.0, unit="m")
         allowed = f"must be below window.farthest={self.farthest} m"
         check(self.nearest < self.farthest, "window.nearest", f"{self.nearest} m", allowed=allowed)
-        known = self.rule in ("general", "authors")
-        check(known, "window.rule", self.rule, allowed="must be general or authors")
+        check_choice("window.rule", self.rule, "general", "authors")
 
     def lags(
         self, array: MicArray, sample_rate: float, *, speed_of_sound: float = SPEED_OF_SOUND

@@ -96,6 +96,15 @@ def interpolate(spectrum: Array, *, size: int, finer: int) -> Array:
     return fft.irfft(spectrum, finer * size) * finer
 
 
+def bins(size: int) -> tuple[Array, Array]:
+    """Return what the sum over a real spectrum takes: frequencies in rad per sample, and weights.
+
+    Every bin but the first and the Nyquist bin stands for a negative frequency too.
+    """
+    omega = 2 * np.pi * np.fft.rfftfreq(size)
+    return omega, np.where((omega == 0) | (omega >= np.pi), 1.0, 2.0) / size
+
+
 def derivatives(spectrum: Array, delays: Array, *, size: int) -> Array:
     """Return correlations and their first two derivatives at fractional lags, shape (3, B, M).
 
@@ -104,9 +113,7 @@ def derivatives(spectrum: Array, delays: Array, *, size: int) -> Array:
         delays: where to read, in samples after the window's first lag, shape (B, M).
         size: number of lags, padding included.
     """
-    omega = 2 * np.pi * np.fft.rfftfreq(size)
-    # Every bin but the first and the Nyquist bin stands for a negative frequency too.
-    count = np.where((omega == 0) | (omega >= np.pi), 1.0, 2.0) / size
+    omega, count = bins(size)
     turned = spectrum * np.exp(1j * (delays[..., None] + PAD) * omega)
     return np.stack(
         [turned.real @ count, -turned.imag @ (omega * count), -turned.real @ (omega**2 * count)]

@@ -4,7 +4,6 @@ Each group of columns is a function of the matched filters and the place of an e
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import fields
 
 import numpy as np
 from scipy import fft
@@ -41,7 +40,7 @@ def describe(
     beams, tensor = recording_columns(views[0], names)
     each = []
     for r, view in enumerate(views):
-        one = Echoes(*(getattr(echoes, field.name)[:, r] for field in fields(Echoes)))
+        one = Echoes(*(values[:, r] for values in vars(echoes).values()))
         # Their order is that of the columns in the files of sets.
         columns = echo_columns(view, one) | beams
         index = view.index(one.toa)

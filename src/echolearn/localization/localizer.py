@@ -9,7 +9,7 @@ from typing import Protocol
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
-from echolearn.checks import check, check_fields
+from echolearn.checks import check, check_choice, check_fields
 from echolearn.localization.correlations import PAD
 from echolearn.localization.faults import warn_of_silent
 from echolearn.localization.matched_filter import MatchedFilter, check_echoes
@@ -62,8 +62,7 @@ class Localizer(Protocol):
 def check_arguments(localizer: Localizer, *ways: str) -> None:
     """Raise `BadValue` for arguments that no localizer can use; `whiten` may also be in `ways`."""
     check_fields("localizer", localizer, ranges=RANGES)
-    known = localizer.sign in ("positive", "either")
-    check(known, "localizer.sign", localizer.sign, allowed="must be positive or either")
+    check_choice("localizer.sign", localizer.sign, "positive", "either")
     check(
         isinstance(localizer.whiten, bool) or localizer.whiten in ways,
         "localizer.whiten",

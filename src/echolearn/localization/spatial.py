@@ -32,6 +32,7 @@ from scipy import fft
 
 from echolearn.acoustics.geometry import direction, relative_delays
 from echolearn.acoustics.types import Array, MicArray, Observation
+from echolearn.localization.correlations import bins
 
 REACH = 2.0
 """Lags of the coherence that are kept, in travel times across the array; at least `LEAST`."""
@@ -64,11 +65,6 @@ class Spatial:
     size: int
 
     @cached_property
-    def omega(self) -> Array:
-        """Angular frequencies, rad per sample, shape (size // 2 + 1,)."""
-        return 2 * np.pi * np.fft.rfftfreq(self.size)
-
-    @cached_property
     def inverse(self) -> Array:
         """Gamma^-1, shape (size // 2 + 1, M, M)."""
         return self.root @ self.root
@@ -88,17 +84,16 @@ class Spatial:
         return self._apply(matrices, samples)[..., np.arange(first, last + 1)]
 
     def _apply(self, matrices: Array, samples: Array) -> Array:
-        bins = np.moveaxis(fft.rfft(samples, self.size), -1, 0)  # (F, B, M)
-        return fft.irfft(np.moveaxis(bins @ matrices.mT, 0, -1), self.size)
+        spectra = np.moveaxis(fft.rfft(samples, self.size), -1, 0)  # (F, B, M)
+        return fft.irfft(np.moveaxis(spectra @ matrices.mT, 0, -1), self.size)
 
     def strength(self, azimuth: Array, elevation: Array) -> Array:
         """Return E(phi) of directions (A,): the energy of a whitened echo of gain 1, shape (A,)."""
         toward = direction(azimuth, elevation)
         eta = relative_delays(self.array, toward, scale=self.scale)
-        turned = np.exp(-1j * self.omega[:, None, None] * eta.T)  # (F, M, A)
+        omega, count = bins(self.size)
+        turned = np.exp(-1j * omega[:, None, None] * eta.T)  # (F, M, A)
         energy = np.square(np.abs(self.root @ turned)).sum(axis=1)
-        # Every bin but the first and the Nyquist bin stands for a negative frequency too.
-        count = np.where((self.omega == 0) | (self.omega >= np.pi), 1.0, 2.0) / self.size
         return np.asarray((np.square(np.abs(self.probe)) * count) @ energy)
 
     def grid_strength(self, azimuth: Array, elevation: Array) -> Array:
@@ -119,7 +114,8 @@ class Spatial:
             delays: of each microphone, in samples after the first correlation, shape (B, M).
             size: number of correlations.
         """
-        wave = np.exp(-1j * self.omega[:, None, None] * delays)  # (F, B, M)
+        omega, _ = bins(self.size)
+        wave = np.exp(-1j * omega[:, None, None] * delays)  # (F, B, M)
         matrices = np.square(np.abs(self.probe))[:, None, None] * self.inverse
         return fft.irfft(np.moveaxis(wave @ matrices.mT, 0, -1), self.size)[..., :size]
 

@@ -77,7 +77,11 @@ def survey(
     check_whole("seed", seed, low=0)
     levels.check_scene(scene)
     seconds = noise_length(scene, noise_seconds)
-    walk = _walk(room, scene, poses=poses, start=start)
+    # Found out before the long work begins.
+    check_whole("poses", poses, low=2, high=MOST, hint="longer walks are several surveys")
+    walk = trajectory(room, poses=poses, start=start)
+    for pose in walk:
+        check_inside(room, pose, array=scene.array)
 
     origin = {"room": room, "scene": scene, "walk": walk, "seed": seed} | _given(levels)
     alone = {"noise_seconds": seconds} if seconds else {}
@@ -90,15 +94,6 @@ def survey(
         make=partial(_make, folder, about, record=record, command=command),
         doing="records this survey",
     )
-
-
-def _walk(room: Room, scene: Scene, *, poses: int, start: float) -> list[Pose]:
-    """Return the poses, all of them inside the room, and no more than a manifest can name."""
-    check_whole("poses", poses, low=2, high=MOST, hint="longer walks are several surveys")
-    walk = trajectory(room, poses=poses, start=start)
-    for pose in walk:
-        check_inside(room, pose, array=scene.array)
-    return walk
 
 
 def _make(

@@ -61,7 +61,7 @@ def trajectory(room: Room, *, poses: int = 160, start: float = 0.6) -> list[Pose
     check(
         min(room.size[:2]) > LEAST - 1e-9,
         "room.size",
-        " x ".join(f"{side:g}" for side in room.size) + " m",
+        room.dimensions,
         allowed=f"must have two sides of at least {LEAST:g} m, for a walk {far} from the walls",
     )
     path = _spiral(room, start)

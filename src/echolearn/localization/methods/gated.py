@@ -22,7 +22,7 @@ from scipy import fft
 
 from echolearn.acoustics.geometry import SearchWindow, direction
 from echolearn.acoustics.types import Array, Echoes, Observation
-from echolearn.checks import check
+from echolearn.checks import check_choice
 from echolearn.localization.beamforming import invert, regularize
 from echolearn.localization.correlations import PAD, interpolate
 from echolearn.localization.estimates import reference_echoes
@@ -58,8 +58,7 @@ class Gated:
 
     def __post_init__(self) -> None:
         check_arguments(self)
-        known = self.beam in ("das", "mpdr")
-        check(known, "localizer.beam", self.beam, allowed="must be das or mpdr")
+        check_choice("localizer.beam", self.beam, "das", "mpdr")
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""

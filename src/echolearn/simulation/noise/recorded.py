@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import resample_poly
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import BadValue, check, check_rate
+from echolearn.checks import BadValue, check, check_rate, check_whole
 
 NAME = "diffuse.source.path"
 
@@ -126,8 +126,6 @@ def _choose(samples: Array, channel: int | str | None) -> Array:
         return samples.mean(axis=1)
     if channel is None and count == 1:
         return samples[:, 0]
-    allowed = f"must be from 1 to {count}, or mix; the file has {count} channels"
-    whole = isinstance(channel, int) and not isinstance(channel, bool)
-    fits = whole and 1 <= int(channel or 0) <= count
-    check(fits, "diffuse.source.channel", channel, allowed=allowed)
+    hint = "that many has the file; mix is their mean"
+    check_whole("diffuse.source.channel", channel, low=1, high=count, hint=hint)
     return samples[:, int(channel or 0) - 1]

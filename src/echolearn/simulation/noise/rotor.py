@@ -97,11 +97,15 @@ class Rotor:
         """Return `length` samples whose expected power is 1, shape (length,)."""
         times = np.arange(length) / sample_rate
         steps = int(length / sample_rate / STEP) + 2
+        power = self.powers(sample_rate)
         lines = sum(
-            self._rotor(times, steps=steps, sample_rate=sample_rate, rng=rng)
-            for _ in range(self.rotors)
+            self._rotor(times, steps=steps, power=power, rng=rng) for _ in range(self.rotors)
         )
-        gusts = self._gusts(times, steps=steps, rng=rng)
+
+        # The amplitude of the wash is lognormal, of mean square 1.
+        spread = self.gust_db * np.log(10.0) / 20.0
+        level = spread * _wandering(steps, self.gust, rng=rng) - spread**2
+        gusts = np.exp(np.interp(times, np.arange(steps) * STEP, level))
         wash = gusts * _falling(length, sample_rate, corner=self.corner, order=3.0, rng=rng)
         hiss = _falling(length, sample_rate, corner=self.hiss_corner, order=8.0, rng=rng)
         return (
@@ -121,34 +125,29 @@ class Rotor:
         power = np.where(present % self.blades == 0, gain, 1.0) / present**2
         return power / power.sum()
 
-    def _rotor(
-        self, times: Array, *, steps: int, sample_rate: float, rng: np.random.Generator
-    ) -> Array:
-        """Return the lines of one rotor at `times` in s, shape (N,)."""
+    def _rotor(self, times: Array, *, steps: int, power: Array, rng: np.random.Generator) -> Array:
+        """Return the lines of one rotor at `times` in s, shape (N,).
+
+        Args:
+            times: shape (N,), in s.
+            steps: changes of speed until the last of them.
+            power: of each harmonic.
+            rng: draws phases and speeds.
+        """
         # The waveform of one revolution, harmonics of random phase.
-        power = self.powers(sample_rate)
         spectrum = np.zeros(TABLE // 2 + 1, dtype=complex)
         phases = np.exp(2j * np.pi * rng.random(len(power)))
         spectrum[1 : len(power) + 1] = np.sqrt(power / 2) * phases * TABLE
         revolution = fft.irfft(spectrum, TABLE)
 
         # It is read at the angle to which the rotor has turned.
-        place = (rng.random() + self._turns(times, steps=steps, rng=rng)) * TABLE
+        angle = rng.random()
+        speed = self.rate * (1.0 + self.jitter * _wandering(steps, self.wander, rng=rng))
+        turns = np.concatenate([[0.0], np.cumsum(speed) * STEP])
+        place = (angle + np.interp(times, np.arange(steps + 1) * STEP, turns)) * TABLE
         point = place.astype(np.int64)
         slope = np.diff(revolution, append=revolution[0])
         return revolution[point % TABLE] + (place - point) * slope[point % TABLE]
-
-    def _turns(self, times: Array, *, steps: int, rng: np.random.Generator) -> Array:
-        """Return the revolutions done by `times` in s, shape (N,)."""
-        speed = self.rate * (1.0 + self.jitter * _wandering(steps, self.wander, rng=rng))
-        done = np.concatenate([[0.0], np.cumsum(speed) * STEP])
-        return np.interp(times, np.arange(steps + 1) * STEP, done)
-
-    def _gusts(self, times: Array, *, steps: int, rng: np.random.Generator) -> Array:
-        """Return g, the amplitude of the wash, of mean square 1: lognormal, shape (N,)."""
-        spread = self.gust_db * np.log(10.0) / 20.0
-        level = spread * _wandering(steps, self.gust, rng=rng) - spread**2
-        return np.exp(np.interp(times, np.arange(steps) * STEP, level))
 
 
 def _wandering(steps: int, time: float, *, rng: np.random.Generator) -> Array:
