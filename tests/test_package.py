@@ -1,8 +1,10 @@
-"""The wheel: it carries the configurations and works elsewhere, without the repository."""
+"""The wheel works elsewhere, without the repository; what it needs is locked with hashes."""
 
 import os
+import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -11,6 +13,20 @@ import pytest
 import echolearn
 
 ROOT = Path(__file__).parents[1]
+
+
+def test_everything_that_is_needed_is_locked_with_hashes() -> None:
+    """An installation of one version and other bytes is refused by pip."""
+    entry = r"^[\w.-]+==[\w.]+ \\\n(?:    --hash=sha256:[0-9a-f]{64}(?: \\)?\n)+"
+    for name in ("requirements.lock", "requirements-cuda.lock"):
+        text = (ROOT / name).read_text()
+        assert not re.sub(rf"{entry}|^# .*\n", "", text, flags=re.M)
+    lock = (ROOT / "requirements.lock").read_text()
+    locked = {name.lower().replace("_", "-") for name in re.findall(r"^([\w.-]+)==", lock, re.M)}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    groups = [project["dependencies"], *project["optional-dependencies"].values()]
+    needed = {re.split(r"[\[<>=]", each)[0] for group in groups for each in group}
+    assert needed and needed <= locked
 
 
 @pytest.mark.release

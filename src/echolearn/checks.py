@@ -11,8 +11,8 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-Range = tuple[float, float, str]
-"""Least and largest value of a number, and their unit."""
+Range = tuple[float, float] | tuple[float, float, str]
+"""Least and largest value of a number, and their unit if they have one."""
 
 LONGEST_NAME = 100
 """Bytes of a folder's name; a file system takes 255, to which digests and endings are added."""
@@ -128,7 +128,7 @@ def check_fields(name: str, owner: object, *, ranges: Mapping[str, Range]) -> No
     """
     for field, value in vars(owner).items():
         if field in ranges:
-            low, high, unit = ranges[field]
+            low, high, unit = (*ranges[field], "")[:3]
             if isinstance(low, int) and isinstance(high, int):
                 check_whole(f"{name}.{field}", value, low=low, high=high, unit=unit)
             else:

@@ -266,7 +266,7 @@ keys = {NETWORK!r}
 train(
     LearningProblem(Dataset(Path({str(toy.folder)!r}))),
     name="some",
-    classifier=lambda: config.build(keys),
+    classifier=lambda: config.build(keys, "classifier"),
     config=keys,
     runs=Path({str(tmp_path)!r}),
 )

@@ -12,8 +12,7 @@ from typing import Protocol
 import torch
 from torch import nn
 
-from echolearn.checks import check, check_list, check_whole
-from echolearn.classifiers.classifier import check_settings
+from echolearn.checks import check, check_fields, check_list, check_whole
 
 
 class Recipe(Protocol):
@@ -21,6 +20,15 @@ class Recipe(Protocol):
 
     def __call__(self, shape: tuple[int, ...]) -> nn.Module:
         """Return the network for rows of `shape`: (B, *shape) float32 to logits (B,)."""
+
+
+RANGES = {
+    "channels": (1, 4096),
+    "layers": (0, 20),
+    "kernel": (1, 255),
+    "dropout": (0.0, 0.95),
+}
+"""Least and largest value of each setting that is a number."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +48,7 @@ class Mlp:
         check(len(self.widths) > 0, "net.widths", "[]", allowed="must have at least one width")
         for width in self.widths:
             check_whole("net.widths", width, low=1, high=65536)
-        check_settings(self, "net", dropout=(0.0, 0.95))
+        check_fields("net", self, ranges=RANGES)
 
     def __call__(self, shape: tuple[int, ...]) -> nn.Module:
         """Return the network for rows of `shape`, (K,)."""
@@ -75,8 +83,7 @@ class CovarianceNet:
     dropout: float = 0.2
 
     def __post_init__(self) -> None:
-        limits = {"channels": (1, 4096), "layers": (0, 20), "kernel": (1, 255)}
-        check_settings(self, "net", **limits, dropout=(0.0, 0.95))
+        check_fields("net", self, ranges=RANGES)
         check(self.kernel % 2 == 1, "net.kernel", self.kernel, allowed="must be odd")
 
     def __call__(self, shape: tuple[int, ...]) -> nn.Module:

@@ -32,7 +32,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check_number, check_whole
 from echolearn.classifiers.inputs import Inputs, check_labels
 
 if TYPE_CHECKING:
@@ -87,22 +86,3 @@ class Classifier(Protocol):
 
     def scorer(self) -> "torch.nn.Module":
         """Return the same function as a torch module: float32 x to decisions (B,), on the CPU."""
-
-
-def check_settings(owner: object, group: str, **limits: tuple[float, float]) -> None:
-    """Check that numbers among the settings of a classifier or network are within their limits.
-
-    Args:
-        owner: object whose attributes the settings are.
-        group: part of the configuration that they stand in, for messages.
-        limits: smallest and largest value by name; a setting is a whole number if both are.
-
-    Raises:
-        BadValue: a setting is no number, or beyond its limits.
-    """
-    for name, (low, high) in limits.items():
-        value = getattr(owner, name)
-        if isinstance(low, int) and isinstance(high, int):
-            check_whole(f"{group}.{name}", value, low=low, high=high)
-        else:
-            check_number(f"{group}.{name}", value, low=low, high=high)

@@ -15,7 +15,15 @@ import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow, check_inside
 from echolearn.acoustics.types import Array, Pose, Room
-from echolearn.checks import BadValue, check, check_list, check_name, check_number, check_whole
+from echolearn.checks import (
+    BadValue,
+    Range,
+    check,
+    check_fields,
+    check_list,
+    check_name,
+    check_number,
+)
 from echolearn.localization.localizer import Localizer
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.scene import Scene
@@ -23,6 +31,20 @@ from echolearn.simulation.scene import Scene
 ROLES = ("training", "grid", "test")
 """What a set is for: `training` classifiers that are to be used; `grid`, positions on a grid as in
 the paper, where few distances from the walls can be memorised; `test` alone, never training."""
+
+
+RANGES: dict[str, Range] = {"seed": (0, 10**9), "rows": (1, 10**9), "shard_rows": (1, 4096, "rows")}
+"""Least and largest value of a field that is a whole number."""
+
+DECIBEL = (-100.0, 100.0, "dB")
+DRAWN = {
+    "t60": (0.01, 10.0, "s"),
+    "wall_factor": (0.0, 1.0, ""),
+    "snr_db": DECIBEL,
+    "sdnr_db": DECIBEL,
+    "gain_db": DECIBEL,
+}
+"""Bounds of a field that is a range from which each row draws."""
 
 
 @dataclass(frozen=True)
@@ -160,14 +182,10 @@ class ScatteredPlan:
     role: str = "training"
 
     def __post_init__(self) -> None:
-        check_whole("plan.rows", self.rows, low=1)
         for name, size in (("size_low", self.size_low), ("size_high", self.size_high)):
             check_list(f"plan.{name}", size, length=3, allowed="must be three lengths in m")
         for limits in zip(self.size_low, self.size_high, strict=True):
-            _check_range("plan.size_low", limits, low=0.5, high=200.0, unit="m")
-        _check_range("plan.t60", self.t60, low=0.01, high=10.0, unit="s")
-        _check_range("plan.wall_factor", self.wall_factor, low=0.0, high=1.0)
-        _check_range("plan.gain_db", self.gain_db, low=-100.0, high=100.0, unit="dB")
+            _check_range("plan.size_low", limits, (0.5, 200.0, "m"))
         _check_common(self)
 
         # Wherever it turns, the array must stay inside the smallest room, and a room must exist.
@@ -199,12 +217,11 @@ Plan = GridPlan | ScatteredPlan
 def _check_common(plan: Plan, snr_levels: Sequence[float] | None = None) -> None:
     """Raise `BadValue` for what no plan can be."""
     check_name("plan.name", plan.name)
-    check_whole("plan.seed", plan.seed, low=0)
     check(plan.role in ROLES, "plan.role", plan.role, allowed=f"must be {' or '.join(ROLES)}")
-    check_whole("plan.shard_rows", plan.shard_rows, low=1, high=4096, unit="rows")
-    for name, limits in (("plan.snr_db", plan.snr_db), ("plan.sdnr_db", plan.sdnr_db)):
-        if limits is not None:
-            _check_range(name, limits, low=-100.0, high=100.0, unit="dB")
+    check_fields("plan", plan, ranges=RANGES)
+    for name, limits in vars(plan).items():
+        if name in DRAWN and limits is not None:
+            _check_range(f"plan.{name}", limits, DRAWN[name])
 
     # One row speaks for all: either each has a noise at some level, or none has it.
     snr_db, *_ = plan.snr_db or snr_levels or (None,)
@@ -217,12 +234,11 @@ def _check_common(plan: Plan, snr_levels: Sequence[float] | None = None) -> None
     plan.window.lags(plan.scene.array, rate, speed_of_sound=plan.scene.speed_of_sound)
 
 
-def _check_range(
-    name: str, limits: tuple[float, float], *, low: float, high: float, unit: str = ""
-) -> None:
-    """Raise `BadValue` unless `limits` are two ordered numbers within [low, high]."""
+def _check_range(name: str, limits: tuple[float, float], bounds: tuple[float, float, str]) -> None:
+    """Raise `BadValue` unless `limits` are two ordered numbers within bounds, given with a unit."""
     allowed = "must be two numbers, lowest first"
     check_list(name, limits, length=2, allowed=allowed)
+    low, high, unit = bounds
     for value in limits:
         check_number(name, value, low=low, high=high, unit=unit)
     ascending = limits[0] <= limits[1]

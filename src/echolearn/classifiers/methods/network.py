@@ -31,9 +31,9 @@ from safetensors.torch import load, save
 from torch import nn
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check
+from echolearn.checks import check, check_fields
 from echolearn.classifiers.batches import BLOCK, Batches, WholeEpoch, source_of
-from echolearn.classifiers.classifier import Examples, check_settings
+from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.inputs import (
     COVARIANCE,
     FEATURES,
@@ -46,6 +46,16 @@ from echolearn.classifiers.inputs import (
 from echolearn.classifiers.remarks import without_remarks
 from echolearn.classifiers.standardise import standardiser
 from echolearn.storage.files import write_atomic
+
+RANGES = {
+    "lr": (1e-7, 10.0),
+    "epochs": (1, 100_000),
+    "patience": (1, 100_000),
+    "batch_size": (1, 1_000_000),
+    "weight_decay": (0.0, 10.0),
+    "noise": (0.0, 10.0),
+}
+"""Least and largest value of each setting that is a number."""
 
 
 @dataclass
@@ -79,16 +89,7 @@ class Network:
 
     def __post_init__(self) -> None:
         self.inputs = check_inputs(self.inputs, views=(FEATURES, COVARIANCE))
-        check_settings(
-            self,
-            "classifier",
-            lr=(1e-7, 10.0),
-            epochs=(1, 100_000),
-            patience=(1, 100_000),
-            batch_size=(1, 1_000_000),
-            weight_decay=(0.0, 10.0),
-            noise=(0.0, 10.0),
-        )
+        check_fields("classifier", self, ranges=RANGES)
         there = accelerators()
         allowed = f"must be what this machine has: {', '.join(there)}"
         check(

@@ -29,10 +29,18 @@ from sklearn.svm import SVC
 from sklearn.utils.parallel import Parallel, delayed
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check, check_list, check_number
-from echolearn.classifiers.classifier import Examples, check_settings
+from echolearn.checks import check, check_fields, check_list, check_number
+from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.constants import Formula
 from echolearn.classifiers.inputs import Inputs, as_input, check_inputs, check_labels
+
+RANGES = {
+    "folds": (2, 20),
+    "search_rows": (50, 10_000),
+    "fit_rows": (50, 1_000_000),
+    "n_jobs": (1, 256),
+}
+"""Least and largest value of each setting that is a number."""
 
 
 @dataclass
@@ -70,14 +78,7 @@ class Svm:
             check(len(grid) > 0, key, "[]", allowed="must have at least one number")
             for value in grid:
                 check_number(key, value, low=1e-6, high=1e6)
-        check_settings(
-            self,
-            "classifier",
-            folds=(2, 20),
-            search_rows=(50, 10_000),
-            fit_rows=(50, 1_000_000),
-            n_jobs=(1, 256),
-        )
+        check_fields("classifier", self, ranges=RANGES)
 
     def fit(self, examples: Examples) -> Self:
         """Choose C and gamma by cross-validation, then fit with them."""

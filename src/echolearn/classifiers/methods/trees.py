@@ -16,9 +16,21 @@ import torch
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from echolearn.acoustics.types import Array
-from echolearn.classifiers.classifier import Examples, check_settings
+from echolearn.checks import check_fields
+from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.constants import Formula
 from echolearn.classifiers.inputs import Inputs, as_input, check_inputs
+
+RANGES = {
+    "iterations": (1, 5000),
+    "learning_rate": (1e-4, 1.0),
+    "leaves": (2, 1000),
+    "depth": (1, 20),
+    "min_leaf": (1, 10**9),
+    "l2": (0.0, 1e6),
+    "patience": (1, 5000),
+}
+"""Least and largest value of each setting that is a number."""
 
 
 @dataclass
@@ -48,17 +60,7 @@ class Trees:
 
     def __post_init__(self) -> None:
         self.inputs = check_inputs(self.inputs)
-        check_settings(
-            self,
-            "classifier",
-            iterations=(1, 5000),
-            learning_rate=(1e-4, 1.0),
-            leaves=(2, 1000),
-            depth=(1, 20),
-            min_leaf=(1, 10**9),
-            l2=(0.0, 1e6),
-            patience=(1, 5000),
-        )
+        check_fields("classifier", self, ranges=RANGES)
 
     def fit(self, examples: Examples) -> Self:
         """Add trees until the validation loss stops falling."""
