@@ -1,6 +1,7 @@
 # One command from nothing to a result. Everything lives in .venv and $(RUNS).
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
+LOCKED = $(BIN)/pip install --quiet --require-hashes --no-deps
 READY := .venv/.ready
 
 RUNS ?= runs
@@ -25,9 +26,15 @@ help: ## show this page
 venv: $(READY) ## create .venv with the locked dependencies
 $(READY): requirements.lock requirements-cuda.lock pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --require-hashes --no-deps --requirement requirements.lock
-	@# Only torch as PyPI has it for Linux lacks something then.
-	$(BIN)/pip check >/dev/null || $(BIN)/pip install --quiet --require-hashes --no-deps --requirement requirements-cuda.lock
+	@# torch first, as pip would choose it without hashes: with them it leaves a CPU build in a local folder (PIP_FIND_LINKS)
+	@# for the one of PyPI, five times as large. Which it is, its hash is one of those in the lock.
+	sed -n '/^torch==/,/[^\\]$$/p' requirements.lock >.venv/torch.lock
+	$(BIN)/pip download --quiet --no-deps --dest .venv/torch "$$(grep -o '^torch==[^ ]*' .venv/torch.lock)"
+	$(LOCKED) --no-index --find-links .venv/torch --requirement .venv/torch.lock
+	rm -r .venv/torch
+	$(LOCKED) --requirement requirements.lock
+	@# Only PyPI's torch for Linux lacks something now.
+	$(BIN)/pip check >/dev/null || $(LOCKED) --requirement requirements-cuda.lock
 	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
