@@ -230,28 +230,12 @@ print(result["run"], *{{"torch", "sklearn", "lightning", "onnxruntime"}} & set(s
         assert out.split() == [done.name]
 
 
-LAUNCHED = {
-    "SLURM_JOB_ID": "1",
-    "SLURM_JOB_NAME": "t",
-    "SLURM_NTASKS": "4",
-    "SLURM_NTASKS_PER_NODE": "4",
-    "SLURM_PROCID": "1",
-    "SLURM_LOCALID": "1",
-    "SLURM_NODEID": "0",
-    "RANK": "1",
-    "LOCAL_RANK": "1",
-    "WORLD_SIZE": "4",
-    "LOCAL_WORLD_SIZE": "4",
-    "GROUP_RANK": "0",
-    "MASTER_ADDR": "nowhere.example",
-    "MASTER_PORT": "1",
-    "TORCHELASTIC_RUN_ID": "1",
-    "OMPI_COMM_WORLD_RANK": "1",
-    "OMPI_COMM_WORLD_SIZE": "4",
-    "OMPI_COMM_WORLD_LOCAL_RANK": "1",
-    "PMI_RANK": "1",
-    "PMI_SIZE": "4",
-}
+LAUNCHED = """
+    SLURM_JOB_ID=1 SLURM_JOB_NAME=t SLURM_NTASKS=4 SLURM_NTASKS_PER_NODE=4 SLURM_PROCID=1
+    SLURM_LOCALID=1 SLURM_NODEID=0 RANK=1 LOCAL_RANK=1 WORLD_SIZE=4 LOCAL_WORLD_SIZE=4 GROUP_RANK=0
+    MASTER_ADDR=nowhere.example MASTER_PORT=1 TORCHELASTIC_RUN_ID=1 OMPI_COMM_WORLD_RANK=1
+    OMPI_COMM_WORLD_SIZE=4 OMPI_COMM_WORLD_LOCAL_RANK=1 PMI_RANK=1 PMI_SIZE=4
+""".split()
 """What SLURM, torchrun and MPI tell the second of four processes."""
 
 
@@ -271,7 +255,8 @@ train(
     runs=Path({str(tmp_path)!r}),
 )
 """
-    subprocess.run([sys.executable, "-c", code], env=os.environ | LAUNCHED, check=True)
+    environment = os.environ | dict(each.split("=") for each in LAUNCHED)
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
     folder = tmp_path / "train" / calm.name
     for name in ("metrics.csv", "hparams.yaml", "best.safetensors"):
         assert (folder / name).read_bytes() == (calm / name).read_bytes()
