@@ -142,7 +142,7 @@ def _check(config: "Config") -> Path:
         survey=_needed(config, "survey", "must be a folder in the recorded-survey format"),
         bundle=_path(config["bundle"]),
         runs=Path(config["runs"]),
-        **_built(config, "name resample direct command"),
+        **_built(config, "name resample direct without gains command"),
     )
 
 

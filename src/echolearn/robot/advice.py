@@ -54,12 +54,6 @@ def _of_geometry(mapped: MappedWalk, window: SearchWindow) -> Iterator[str]:
 
 def _of_recordings(health: Health) -> Iterator[str]:
     """Yield what the recordings show."""
-    if health.negative_echoes > 0.5:
-        share = 100 * health.negative_echoes
-        yield (
-            f"the strongest echo is negative in {share:.0f} % of the recordings: is the "
-            "loudspeaker wired the other way? A bundle of localizer.sign=either takes both signs"
-        )
     yield from health.noticed
     known = health.snr_db[np.isfinite(health.snr_db)]
     if len(known) and np.median(known) < FEW_DB:

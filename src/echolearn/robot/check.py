@@ -9,10 +9,13 @@ whoever asks stands beside the robot and has changed something.
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.checks import BadValue, check, check_name
 from echolearn.robot.check_facts import HEADINGS, UNSEEN, Facts, gather
 from echolearn.robot.check_page import page
+from echolearn.robot.choices import with_gains
 from echolearn.robot.waterfall import waterfall
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
@@ -35,6 +38,8 @@ def check_survey(
     name: str | None = None,
     resample: bool = False,
     direct: str | None = None,
+    without: Sequence[int] | None = None,
+    gains: Sequence[float] | None = None,
     command: str | None = None,
 ) -> Path:
     """Examine a recorded survey, print what there is to say, and return the page.
@@ -45,7 +50,7 @@ def check_survey(
         bundle: folder of the bundle that shall map it: whether they fit is told, and its search
             window is drawn; None draws that of walls 1 to 2 m away.
         name: name of the page's folder; that of the survey's unless given.
-        resample, direct: as for `map_survey`.
+        resample, direct, without, gains: as for `map_survey`.
         command: what makes the page again; None says nothing about it.
 
     Raises:
@@ -56,6 +61,7 @@ def check_survey(
     folder = Path(runs) / "check" / name
     _check_free(folder)
     walk, _ = read_proved(Path(survey))
+    walk = with_gains(walk, None, without=without, gains=gains)
     window = SearchWindow()
     unfit: list[str] = []
     if bundle is not None:
@@ -94,8 +100,10 @@ def _fit(
     from echolearn.robot.survey_map import open_survey
 
     found = read_bundle(bundle)
+    left_out = [] if walk.gains is None else (np.flatnonzero(walk.gains == 0) + 1).tolist()
     try:
         open_survey(walk.folder, found, resample=resample, direct=direct)
+        with_gains(walk, found, without=left_out or None)
     except BadValue as error:
         return found.localizer.window, [str(error)]
     return found.localizer.window, []

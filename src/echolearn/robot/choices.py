@@ -7,17 +7,19 @@ alone (`gated`, `snls`, `peaks`). A bundle of tensors needs all.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from echolearn.checks import check, check_list, check_number, check_whole
-from echolearn.robot.bundle import Bundle
-from echolearn.robot.scorer import Scorer
 from echolearn.survey.reader import Survey
 
+if TYPE_CHECKING:
+    from echolearn.robot.bundle import Bundle
+    from echolearn.robot.scorer import Scorer
 
-def seeking(scorer: Scorer, localizer: Mapping[str, Any] | None) -> Scorer:
+
+def seeking(scorer: "Scorer", localizer: Mapping[str, Any] | None) -> "Scorer":
     """Return a scorer whose localizer seeks echoes of the `sign` that is asked for, if one is."""
     sign = (localizer or {}).get("sign")
     if sign is None:
@@ -28,7 +30,7 @@ def seeking(scorer: Scorer, localizer: Mapping[str, Any] | None) -> Scorer:
 
 def with_gains(
     walk: Survey,
-    bundle: Bundle,
+    bundle: "Bundle | None",
     *,
     without: Sequence[int] | None = None,
     gains: Sequence[float] | None = None,
@@ -37,7 +39,8 @@ def with_gains(
 
     Args:
         walk: the survey.
-        bundle: what scores its echoes; one of tensors needs all microphones.
+        bundle: what scores its echoes; one of tensors needs all microphones; or
+            None.
         without: numbers of microphones that are left out, from 1.
         gains: a factor for each microphone.
 
@@ -58,7 +61,8 @@ def with_gains(
         for number in without:
             check_whole("without", number, low=1, high=count)
         hint = "its tensors were learned from all microphones"
-        check(not bundle.is_tensor, "without", list(without), allowed="must be null", hint=hint)
+        fits = bundle is None or not bundle.is_tensor
+        check(fits, "without", list(without), allowed="must be null", hint=hint)
         factors[np.array(without, dtype=int) - 1] = 0.0
         left = int(np.count_nonzero(factors))
         check(left >= 2, "without", list(without), allowed="must leave two microphones")

@@ -134,9 +134,10 @@ def waterfall(survey: Survey, health: Health, window: SearchWindow) -> Waterfall
         Canvas(poses, lags),
         *(Canvas(poses, lags, share=2) for _ in survey.array.positions),
     ]
+    sound = replace(survey, mending=health.mending)
     for block in blocks(survey):
-        heard = survey.observe(block)
-        recorded = np.stack([survey.recording(pose) for pose in block])
+        heard = sound.observe(block)
+        recorded = np.stack([sound.mended(pose) for pose in block])
         before = outputs(replace(heard, samples=recorded), lags=lags, near=True)[..., :first]
         within = outputs(heard, lags=lags, near=False)[..., first:]
         drawn = np.concatenate([levels(before), levels(within)], axis=-1)

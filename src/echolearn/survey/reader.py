@@ -98,7 +98,7 @@ class Survey:
             BadValue: a recording that is missing, has another sample rate, number of channels or
                 length, or NaN; or such a calibration or noise.
         """
-        samples = np.stack([self._mended(pose) for pose in poses])
+        samples = np.stack([self.mended(pose) for pose in poses])
         if self.direct:
             gain = direct_path.free_field(self.array) if self.direct == "analytic" else None
             samples = direct_path.remove(samples, self.arrivals, gain=gain)
@@ -112,7 +112,7 @@ class Survey:
             noise_covariance=covariance,
         )
 
-    def _mended(self, pose: int) -> Array:
+    def mended(self, pose: int) -> Array:
         """Return the recording of a pose as it should have been, shape (M, N)."""
         samples = self.recording(pose)
         return samples if self.mending is None else self.mending(samples, pose)
