@@ -42,6 +42,17 @@ ROOM = Room((6.0, 5.0, 4.0), 0.2)
 SCENE = Scene(circular_array(), noise_probe(length=4000), Images(), White())
 WALK = [Pose(np.array([1.2 + 0.2 * step, 1.3, 2.0]), 0.1 * step) for step in range(9)]
 FIRST, LAST = SearchWindow().lags(SCENE.array, SCENE.probe.sample_rate)
+MICROPHONE_2 = np.eye(6)[1][:, None]
+FAULTS: dict[str, tuple[Callable[[Array], Array], int, str, str]] = {
+    "sound": (lambda x: x, 0, "map would take it as it is", "  1     fine  "),
+    "late": (lambda x: np.roll(x, 64, axis=-1), 0, "64.0 samples", "+64.0  +2.90  "),
+    "inverted": (lambda x: -x, 0, "wired the other way", "mended: sign  "),
+    "offset": (lambda x: x + 0.1 * MICROPHONE_2, 0, "offset", "mended: offset  "),
+    "dead": (lambda x: x * (1 - 0.9999 * MICROPHONE_2), 1, "without=[2]", "  2     dead  "),
+    "clipped": (lambda x: np.clip(x, -0.05, 0.05), 1, "record with less gain", "clipped  "),
+}
+"""What is done to recordings (P, M, N), the status, what is said of it, and a part of a row."""
+
 VOID = {"img", "input", "meta"}
 Examine = Callable[..., Path]
 
@@ -69,15 +80,39 @@ def folder(recordings: Array, tmp_path: Path) -> Path:
     (place / "probe.wav").write_bytes(wav_bytes(np.pad(SCENE.probe.samples, (0, silence)), rate))
     names = [f"observations/{number}.wav" for number in range(len(WALK))]
     (place / "poses.csv").write_bytes(poses_csv(WALK, names))
-    for name, samples in zip(names, recordings, strict=True):
-        (place / name).write_bytes(wav_bytes(samples, rate))
+    record(place, recordings)
     return place
+
+
+def record(folder: Path, recordings: Array) -> None:
+    """Write the recordings of the walk, samples (P, M, N)."""
+    for number, samples in enumerate(recordings):
+        content = wav_bytes(samples, SCENE.probe.sample_rate)
+        (folder / f"observations/{number}.wav").write_bytes(content)
 
 
 @pytest.fixture
 def checked(folder: Path, tmp_path: Path) -> Examine:
     """Return `check_survey` of the walk."""
     return partial(check_survey, survey=folder, runs=tmp_path / "runs")
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_sound_recordings_and_faulty_ones(
+    name: str,
+    folder: Path,
+    recordings: Array,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    fault, status, line, row = FAULTS[name]
+    record(folder, fault(recordings))
+    assert main(["check", f"survey={folder}", f"runs={tmp_path}"]) == status
+    said = capsys.readouterr()
+    assert line in said.out and row in said.out
+    assert ("would refuse it" in said.err) == bool(status)
+    text = (tmp_path / "check" / "walk" / "check.html").read_text()
+    assert line in text and ("wired the other way" in text) == (name == "inverted")
 
 
 class Balance(HTMLParser):

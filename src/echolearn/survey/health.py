@@ -138,7 +138,8 @@ def examine(survey: Survey) -> Health:
         )
     verdicts.refused += zero.refused
 
-    sign = _signs(direct, walk.echo)
+    # What a dead one seems to say is chance.
+    sign = np.where(np.array(verdicts.words) == "dead", 1.0, _signs(direct, walk.echo))
     mending = Mending(
         latency=zero.late,
         calibration=_calibration(survey),
