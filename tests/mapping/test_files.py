@@ -70,7 +70,8 @@ def test_the_table_holds_every_echo_to_the_last_digit(walk: MappedWalk) -> None:
     written = table.write(walk)
     found = rows(written["map.csv"])
     header = "index,x_m,y_m,toa_s,azimuth_rad,elevation_rad,power,score,confidence,kept"
-    assert ",".join(found[0]) == f"{header},floor_or_ceiling"
+    header += ",floor_or_ceiling,distance_sd_m,azimuth_sd_rad"
+    assert ",".join(found[0]) == header
     assert [row["floor_or_ceiling"] for row in found] == ["0", "0", "0", "0", "0", "1"]
     assert [int(row["index"]) for row in found] == [0, 0, 1, 1, 2, 2]
     assert [row["kept"] for row in found] == ["1", "1", "1", "1", "0", "1"]

@@ -1,5 +1,8 @@
 """Walls from points: known lines come back as certain as they claim, heaps and noise do not."""
 
+import time
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -62,16 +65,50 @@ def test_four_walls_of_a_room_and_stray_points_give_four_lines() -> None:
 
 def test_uncertainty_is_the_scatter_of_repeated_fits() -> None:
     lines = [fitted(wall((0.0, 0.0), (0.0, 3.0), 30, 0.02))[0] for _ in range(300)]
-    centres = [(line.start + line.end)[0] / 2 for line in lines]
-    assert np.mean([line.offset_sd for line in lines]) == pytest.approx(np.std(centres), rel=0.25)
+    offsets = [line.offset for line in lines]
+    assert np.mean([line.offset_sd for line in lines]) == pytest.approx(np.std(offsets), rel=0.25)
     slopes = [np.divide(*(line.end - line.start)) for line in lines]
     assert np.mean([line.normal_sd for line in lines]) == pytest.approx(np.std(slopes), rel=0.25)
 
 
-@pytest.mark.parametrize(("gap", "points"), [(GAP + 0.1, [8, 8]), (GAP - 0.1, [16])])
-def test_a_gap_ends_a_wall(gap: float, points: list[int]) -> None:
-    left, right = wall((0.0, 0.0), (0.0, 2.0), 8), wall((0.0, 2.0 + gap), (0.0, 6.0), 8)
-    assert [line.points for line in fitted(left, right)] == points
+@pytest.mark.parametrize("gap", [GAP - 0.1, GAP + 0.1, 9.0])
+@pytest.mark.parametrize(("beyond", "points"), [(8, [16]), (SUPPORT, [12]), (SUPPORT - 1, [8])])
+def test_a_wall_heard_in_two_stretches_is_one(gap: float, beyond: int, points: list[int]) -> None:
+    """But few points beyond a gap are no stretch of it."""
+    left = wall((0.0, 0.0), (0.0, 2.0), 8, 0.01)
+    right = wall((0.0, 2.0 + gap), (0.0, 3.0 + gap), beyond, 0.01)
+    near = [8 + beyond] if gap < GAP else points
+    assert [line.points for line in fitted(left, right)] == near
+
+
+def test_two_heaps_of_one_wall_are_one_although_each_hardly_tells_its_direction() -> None:
+    here = np.array([2.0, 0.0]) + 0.005 * RNG.standard_normal((12, 2))
+    there = np.array([2.0, 9.0]) + 0.005 * RNG.standard_normal((12, 2))
+    rays = np.tile([np.cos(0.015), np.sin(0.015)], (24, 1))
+    [line] = fit_lines(np.concatenate([here, there]), rays)
+    assert line.normal == pytest.approx(0.0, abs=0.002) and line.points == 24
+
+
+def test_a_wall_a_little_behind_another_is_another() -> None:
+    near, behind = wall((0.0, 0.0), (0.0, 2.0), 12, 0.01), wall((0.13, 4.0), (0.13, 6.0), 10, 0.01)
+    assert [line.points for line in fitted(near, behind)] == [12, 10]
+
+
+def test_ten_thousand_points_take_no_quadratic_time_or_memory() -> None:
+    """Of a table of all pairs, one byte each would be 100 MB."""
+    corners = [(0.0, 0.0), (0.0, 30.0), (40.0, 30.0), (40.0, 0.0)]
+    sides = [wall(corners[k - 1], corners[k], 2250, 0.01) for k in range(4)]
+    points, toward = (
+        np.concatenate(part) for part in zip(*sides, scattered(1, 29, 1000), strict=True)
+    )
+    tracemalloc.start()
+    began = time.process_time()
+    lines = fit_lines(points, toward)
+    seconds = time.process_time() - began
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(lines) == 4 and min(line.points for line in lines) >= 2250
+    assert seconds < 5 and peak < 50e6
 
 
 def test_two_sides_of_one_partition_are_two_walls() -> None:

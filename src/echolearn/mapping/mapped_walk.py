@@ -6,12 +6,14 @@ points that are `shown`.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from echolearn.acoustics.types import Array, Echoes, EchoMap, Pose
+from echolearn.mapping.accuracy import Accuracy
+from echolearn.mapping.uncertainty import Sightings, measured
 from echolearn.mapping.walls import Line, fit_lines
 
 Files = Mapping[str, bytes]
@@ -35,6 +37,7 @@ class MappedWalk:
         numbers: names of the poses in tables, P whole numbers.
         outline: corners of the room, shape (C, 2), in m, or None where they are not known.
         resolution: side of a cell of the grid, in m.
+        accuracy: of the echoes.
     """
 
     echoes: Echoes
@@ -43,6 +46,7 @@ class MappedWalk:
     numbers: Sequence[int]
     outline: Array | None = None
     resolution: float = 0.05
+    accuracy: Accuracy = field(default_factory=Accuracy)
 
     @cached_property
     def path(self) -> Array:
@@ -72,7 +76,13 @@ class MappedWalk:
     @cached_property
     def lines(self) -> list[Line]:
         """Walls that the shown points suggest."""
-        points = self.map.points[self.shown]
-        ray = points - self.map.poses[self.shown]
-        length = np.linalg.norm(ray, axis=1, keepdims=True)
-        return fit_lines(points, ray / np.maximum(length, 1e-9))
+        poses = [self.poses[index] for index in self.index[self.shown].tolist()]
+        seen = Sightings(
+            points=self.map.points[self.shown],
+            poses=self.map.poses[self.shown],
+            headings=np.array([pose.heading for pose in poses]),
+            position_sd=np.array([pose.position_sd for pose in poses]),
+            heading_sd=np.array([pose.heading_sd for pose in poses]),
+        )
+        found = fit_lines(seen.points, seen.toward)
+        return [measured(line, seen.only(line.members), self.accuracy) for line in found]

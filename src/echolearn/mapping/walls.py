@@ -1,15 +1,18 @@
-"""Walls from map points: straight lines, how far they reach, how certain they are.
+"""Walls from map points: straight lines, and how far they reach.
 
 An echo of a flat wall comes from its perpendicular, so each point p with the unit vector u, from
 the robot toward it, proposes a line by itself: normal u, offset u . p. The proposal that most
 points support (within `WIDTH` of the line, seen within `SLANT` of its normal) is fitted by total
-least squares to its supporters; where these leave a gap of more than `GAP`, the wall ends. Its
-points are taken away, and the next line is sought, while one has `SUPPORT` points.
+least squares to the longest stretch of its supporters, one without a gap of more than `GAP`. Other
+stretches of `SUPPORT` points on the same line belong to the same wall. Its points are taken away,
+and the next line is sought, while one has `SUPPORT` points.
 
-For n points with residuals of standard deviation s and positions t along the line, the offset at
-the middle has the standard deviation s / sqrt(n), the angle s / sqrt(sum (t - mean t)^2).
+Supporters are counted for normals of whole degrees: points are sorted once by their offsets along
+each, so that n points cost n log n. How certain a line is, is told by the scatter of its points
+here; `uncertainty` knows what the scatter does not show.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,27 +26,31 @@ SLANT = np.deg2rad(15.0)
 """rad between the ray to a point and the normal of its line."""
 
 GAP = 1.5
-"""m without a point at which a wall ends."""
+"""m without a point at which a stretch of a wall ends."""
 
 SUPPORT = 4
-"""Points that make a line."""
+"""Points that make a stretch."""
 
 REFITS = 10
 """How often a line is fitted anew to its supporters, which settle after two or three."""
 
+HEAP_SD = np.deg2rad(2.0) / np.sqrt(12)
+"""rad; least standard deviation of a normal that rays alone tell: those of a grid of 2 degrees."""
+
 
 @dataclass(frozen=True)
 class Line:
-    """A stretch of wall.
+    """A wall, in one stretch or several.
 
     Attributes:
         start, end: its ends, each of shape (2,), in m.
         normal: direction from the robot to the wall, in rad.
         offset: distance of the wall's line from the origin along the normal, in m.
         normal_sd: standard deviation of the normal, in rad.
-        offset_sd: standard deviation of the offset, in m, at the middle of the stretch.
+        offset_sd: standard deviation of the offset, in m.
         rms: root mean square of the points' distances from the line, in m.
         points: number of points that it was fitted to.
+        members: which points these are, shape (points,), counted from 0.
     """
 
     start: Array
@@ -54,6 +61,7 @@ class Line:
     offset_sd: float
     rms: float
     points: int
+    members: Array
 
 
 def fit_lines(points: Array, toward: Array) -> list[Line]:
@@ -63,72 +71,193 @@ def fit_lines(points: Array, toward: Array) -> list[Line]:
         points: shape (P, 2), in m.
         toward: unit vectors from where the robot stood to each, shape (P, 2).
     """
-    found = []
+    found: list[Line] = []
     free = np.ones(len(points), dtype=bool)
-    while free.sum() >= SUPPORT:
-        members = _supporters(points, toward, free=free)
+    if len(points) < SUPPORT:
+        return found
+    votes = _Votes.of(points, toward)
+    while free.any():
+        first = votes.most(free)
+        # Rays within `SLANT` of a normal that is within `SLANT` of the first one.
+        near = np.flatnonzero(free & (toward @ toward[first] >= np.cos(2 * SLANT)))
+        chosen = _supporters(points[near], toward[near], first=int(near.searchsorted(first)))
+        members = near[chosen]
         if len(members) < SUPPORT:
             break
-        found.append(_fit(points[members], toward[members]))
+        found.append(fit(points, toward, members))
         free[members] = False
     return found
 
 
-def _supporters(points: Array, toward: Array, *, free: Array) -> Array:
-    """Return the free points that support the best line, refitted until they stay the same."""
+@dataclass(frozen=True)
+class _Votes:
+    """Who supports whose line.
+
+    Attributes:
+        voters: points by normal in whole degrees and offset along it; each stands at all normals
+            that it supports.
+        low, high: voters low ... high - 1 support the line that a point proposes, each (P,).
+        support: their number or, of points that have been taken away since, more, shape (P,).
+    """
+
+    voters: Array
+    low: Array
+    high: Array
+    support: Array
+
+    @classmethod
+    def of(cls, points: Array, toward: Array) -> "_Votes":
+        """Sort points (P, 2) with their rays (P, 2)."""
+        slant = int(np.rad2deg(SLANT))
+        degree = np.floor(np.rad2deg(np.arctan2(toward[:, 1], toward[:, 0]))).astype(int) % 360
+        angle = np.deg2rad(np.arange(360) + 0.5)
+        normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        near = (degree[:, None] + np.arange(-slant, slant + 1)) % 360
+        # From the middle of all points: half a degree moves far ones the least.
+        centred = points - points.mean(axis=0)
+        apart = 3.0 * np.abs(centred).max() + 1.0
+
+        places = (near * apart + np.einsum("pi,pai->pa", centred, normals[near])).ravel()
+        order = places.argsort(kind="stable")
+        own = degree * apart + (centred * normals[degree]).sum(axis=1)
+        low = places[order].searchsorted(own - WIDTH)
+        high = places[order].searchsorted(own + WIDTH, side="right")
+        return cls(order // near.shape[1], low, high, high - low)
+
+    def most(self, free: Array) -> int:
+        """Return the free point whose line most free points support."""
+        self.support[~free] = 0
+        while True:
+            # Support only shrinks: once the largest has been counted anew, no other can exceed it.
+            best = int(self.support.argmax())
+            count = int(free[self.voters[self.low[best] : self.high[best]]].sum())
+            if count == self.support[best]:
+                return best
+            self.support[best] = count
+
+
+def _supporters(points: Array, toward: Array, *, first: int) -> Array:
+    """Return the points that support the line of point `first`, refitted until they settle."""
     # The line that a single ray proposes is less certain than the one through all its supporters.
-    normals = toward[free]
-    offsets = np.sum(points[free] * normals, axis=1)
+    normal = toward[first]
+    offset = points[first] @ normal
     members = np.empty(0, dtype=int)
     for _ in range(1 + REFITS):
-        near = np.abs(points @ normals.T - offsets) <= WIDTH
-        alike = toward @ normals.T >= np.cos(SLANT)
-        support = near & alike & free[:, None]
-        again = _longest(points, np.flatnonzero(support[:, support.sum(axis=0).argmax()]))
-        if len(again) < SUPPORT or np.array_equal(again, members):
-            return again
+        near = np.abs(points @ normal - offset) <= WIDTH
+        support = np.flatnonzero(near & (toward @ normal >= np.cos(SLANT)))
+        again = max(_stretches(points, support), key=len)
+        settled = np.array_equal(again, members)
         members = again
-        line = _fit(points[members], toward[members])
-        normals = np.array([[np.cos(line.normal), np.sin(line.normal)]])
-        offsets = np.array([line.offset])
+        if len(members) < SUPPORT or settled:
+            break
+        line = fit(points, toward, members)
+        normal = _unit(line.normal)
+        offset = line.offset
+    return _extended(points, toward, members)
+
+
+def _extended(points: Array, toward: Array, members: Array) -> Array:
+    """Return a stretch with all others of its wall."""
+    if len(members) < SUPPORT:
+        return members
+    line = fit(points, toward, members)
+    normal = _unit(line.normal)
+    away = np.linalg.norm(points - (line.start + line.end) / 2, axis=1)
+    # The farther away, the less a short stretch knows where its line passes.
+    near = np.abs(points @ normal - line.offset) <= WIDTH + 2 * line.normal_sd * away
+    support = near & (toward @ normal >= np.cos(SLANT))
+    support[members] = False
+
+    for stretch in _stretches(points, np.flatnonzero(support)):
+        both = np.union1d(members, stretch)
+        if len(stretch) >= SUPPORT and fit(points, toward, both).rms <= WIDTH / 2:
+            members = both
     return members
 
 
-def _longest(points: Array, members: Array) -> Array:
-    """Return the largest group of members without a gap along their common line."""
+def _stretches(points: Array, members: Array) -> Iterator[Array]:
+    """Yield the groups of members between gaps along their common line; too few are one group."""
     if len(members) < SUPPORT:
-        return members
+        yield members
+        return
     centred = points[members] - points[members].mean(axis=0)
     along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
     # Sorted along the line, a gap is a step between neighbours.
     order = np.argsort(along)
-    groups = np.split(order, np.flatnonzero(np.diff(along[order]) > GAP) + 1)
-    return np.sort(members[max(groups, key=len)])
+    for group in np.split(order, np.flatnonzero(np.diff(along[order]) > GAP) + 1):
+        yield np.sort(members[group])
 
 
-def _fit(points: Array, toward: Array) -> Line:
-    """Return the total least squares line through points, its normal pointing as the rays do."""
-    centre = points.mean(axis=0)
-    ray = toward.mean(axis=0)
-    tangent, across = np.linalg.svd(points - centre, full_matrices=False)[2]
+def fit(points: Array, toward: Array, members: Array) -> Line:
+    """Return the total least squares line through some points, its normal pointing as the rays do.
 
-    if np.ptp((points - centre) @ tangent) < 2 * WIDTH:
-        # A heap, as of a robot that stands still, has no direction of its own: take the rays'.
-        normal = ray / np.linalg.norm(ray)
-    else:
-        normal = across if across @ ray >= 0 else -across
+    Args:
+        points: shape (P, 2), in m.
+        toward: unit vectors from where the robot stood to each, shape (P, 2).
+        members: which of them, shape (any,).
+    """
+    chosen = points[members]
+    rays = toward[members]
+    centre = chosen.mean(axis=0)
+    ray = rays.mean(axis=0)
+    tangent, across = np.linalg.svd(chosen - centre, full_matrices=False)[2]
 
+    slanted = abs(across @ ray) < np.cos(SLANT) * np.linalg.norm(ray)
+    heap = slanted or np.ptp((chosen - centre) @ tangent) < 2 * WIDTH
+    # A heap, as of a robot that stands still, has no direction of its own: take the rays'.
+    normal = ray / np.linalg.norm(ray) if heap else across * np.copysign(1.0, across @ ray)
+    deviation = np.sqrt(np.sum(((chosen - centre) @ normal) ** 2) / max(len(members) - 2, 1))
     tangent = np.array([-normal[1], normal[0]])
-    along = (points - centre) @ tangent
-    residual = (points - centre) @ normal
-    deviation = float(np.sqrt(np.sum(residual**2) / max(len(points) - 2, 1)))
-    return Line(
-        start=centre + along.min() * tangent,
-        end=centre + along.max() * tangent,
+    if heap:
+        normal_sd = max(HEAP_SD, np.std(rays @ tangent) / np.sqrt(len(members)))
+    else:
+        normal_sd = deviation / np.sqrt(np.sum(((chosen - centre) @ tangent) ** 2))
+    return line_of(
+        chosen,
+        members,
         normal=float(np.arctan2(normal[1], normal[0])),
         offset=float(centre @ normal),
-        normal_sd=float(min(deviation / max(np.sqrt(np.sum(along**2)), 1e-9), np.pi)),
-        offset_sd=deviation / float(np.sqrt(len(points))),
-        rms=float(np.sqrt(np.mean(residual**2))),
-        points=len(points),
+        normal_sd=float(normal_sd),
+        # At the origin, the normal's error moves the line by its distance from the middle.
+        offset_sd=float(np.hypot(deviation / np.sqrt(len(members)), normal_sd * centre @ tangent)),
     )
+
+
+def line_of(
+    chosen: Array,
+    members: Array,
+    *,
+    normal: float,
+    offset: float,
+    normal_sd: float,
+    offset_sd: float,
+) -> Line:
+    """Return a line of which the normal and the offset are known.
+
+    Args:
+        chosen: points that it was fitted to, shape (any, 2), in m.
+        members: which these are.
+        normal: its direction, in rad.
+        offset: its distance from the origin along the normal, in m.
+        normal_sd: standard deviation of the normal, in rad.
+        offset_sd: that of the offset, in m.
+    """
+    across = _unit(normal)
+    tangent = np.array([-across[1], across[0]])
+    along = chosen @ tangent
+    residual = chosen @ across - offset
+    return Line(
+        start=offset * across + along.min() * tangent,
+        end=offset * across + along.max() * tangent,
+        normal=normal,
+        offset=offset,
+        normal_sd=normal_sd,
+        offset_sd=offset_sd,
+        rms=float(np.sqrt(np.mean(residual**2))),
+        points=len(members),
+        members=members,
+    )
+
+
+def _unit(angle: float) -> Array:
+    return np.array([np.cos(angle), np.sin(angle)])

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from echolearn.checks import BadValue, check, check_name, check_number
+from echolearn.mapping.accuracy import accuracy_of
 from echolearn.mapping.files import grid, ply, svg, table
 from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.robot.advice import causes
@@ -202,6 +203,13 @@ def score_survey(scorer: Scorer, walk: Survey, *, resolution: float = 0.05) -> M
         numbers=walk.numbers,
         outline=walk.walls,
         resolution=resolution,
+        accuracy=accuracy_of(
+            walk.emitted,
+            walk.array,
+            azimuths=scorer.bundle.localizer.azimuths,
+            speed_of_sound=walk.speed_of_sound,
+            heading_bias_sd=walk.heading_bias_sd,
+        ),
     )
 
 

@@ -1,7 +1,6 @@
 """`map.csv`, every echo, and `walls.csv`, the lines fitted to those that are kept."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from echolearn.mapping.mapped_walk import Files, MappedWalk
 
 COLUMNS = """
     index x_m y_m toa_s azimuth_rad elevation_rad power score confidence kept floor_or_ceiling
+    distance_sd_m azimuth_sd_rad
 """.split()
 WALLS = "x0_m y0_m x1_m y1_m normal_rad offset_m normal_sd_rad offset_sd_m rms_m points".split()
 
@@ -30,14 +30,16 @@ def echo_rows(walk: MappedWalk) -> Iterable[Sequence[float]]:
     columns: list[Array] = [names, *found.points.T]
     columns += [echoes.toa, echoes.azimuth, echoes.elevation, echoes.power, echoes.score]
     columns += [found.confidence, np.asarray(found.kept, dtype=int), ~walk.sideways + 0]
+    columns += walk.accuracy.of_echoes(echoes)
     return zip(*(column.reshape(-1).tolist() for column in columns), strict=True)
 
 
 def wall_rows(walk: MappedWalk) -> Iterable[Sequence[float]]:
     """Return a row for each fitted line, its columns as in `WALLS`."""
     for line in walk.lines:
-        start, end, *rest = astuple(line)
-        yield *start.tolist(), *end.tolist(), *rest
+        ends = [*line.start.tolist(), *line.end.tolist()]
+        sds = [line.normal_sd, line.offset_sd]
+        yield *ends, line.normal, line.offset, *sds, line.rms, line.points
 
 
 def csv_bytes(columns: Sequence[str], rows: Iterable[Sequence[float]]) -> bytes:
