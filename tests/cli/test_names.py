@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from echolearn.cli.commands import COMMANDS
 from echolearn.cli.config import UsageError
 from echolearn.cli.main import composed, main, parse
+from echolearn.storage.advice import PLACES
 
 
 def named(line: str) -> list[str]:
@@ -37,6 +39,7 @@ map -m "survey='room (1)','room (2)'" bundle=b | None None
 map -m "survey='w (1)'" bundle=b resample=true,false | \
     w-(1)-b-resample_true w-(1)-b-resample_false
 check -m survey=mon/w,tue/w,v | w-survey_mon-w w-survey_tue-w None
+check -m survey=w direct=fitted,analytic | w-direct_fitted w-direct_analytic
 survey -m seed=0,1 | 8x6x5_0dB-seed_0 8x6x5_0dB-seed_1
 survey -m snr_db=0,-5 room=8x6x5,13x11x5 | 8x6x5_0dB 13x11x5_0dB 8x6x5_-5dB 13x11x5_-5dB
 survey -m snr_db=0,-5 room.t60=0.5,0.25 | \
@@ -72,6 +75,10 @@ export -m run=r resamples=20,30 | both would write | runs/bundles/r; give each a
 study -m resamples=20,30 | both would write | ; give each a name
 bench -m rows=10,20 | both would write | runs/bench; run echolearn bench once for each
 """
+
+
+def test_every_command_has_a_place_for_its_folders() -> None:
+    assert {*PLACES} == {*COMMANDS}
 
 
 @pytest.mark.parametrize("row", TOGETHER.replace("\\\n", "").strip().splitlines())
