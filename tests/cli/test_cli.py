@@ -343,3 +343,13 @@ def test_commands_work_from_any_folder_without_leaving_anything_there(here: Path
     assert [path.name for path in here.iterdir()] == ["deep"]
     assert not (folder() / "runs").exists()
     assert os.listdir(here / "deep" / "runs") == ["data"]
+
+
+@pytest.mark.parametrize("words", [["--version"], ["generate", "--cfg"]])
+def test_output_that_nobody_reads_is_no_success(words: list[str]) -> None:
+    process = started(*words)
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.close()
+    assert process.wait(60) == 141
+    assert process.stderr.read() == ""
+    process.stderr.close()

@@ -155,3 +155,19 @@ def test_a_launcher_that_is_not_there_is_one_mistake_of_the_command_line(tmp_pat
         UsageError, match=r"(?s)^hydra/launcher=moon: .*; pip install 'echolearn\[cluster\]'$"
     ):
         run_all(math.sqrt, ROOTS, launcher=["hydra/launcher=moon"], place=tmp_path)
+
+
+def ended(signal: int) -> int:
+    """Return a signal's number, after sending it to this process unless it is 0."""
+    if signal:
+        os.kill(os.getpid(), signal)
+    return signal
+
+
+def test_a_killed_process_costs_its_own_job(capsys: pytest.CaptureFixture[str]) -> None:
+    jobs = [("one", 0), ("two", 9), ("three", 0), ("four", 9), ("five", 0)]
+    with pytest.raises(JobsFailed, match="2 of 5 jobs failed: two; four"):
+        run_all(ended, jobs, workers=2)
+    said = capsys.readouterr()
+    assert said.out == "0\n" * 3
+    assert said.err.count("its process was killed") == 2

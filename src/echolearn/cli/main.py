@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from itertools import groupby
 from pathlib import Path
+from signal import SIGPIPE
 from typing import Any
 
 from echolearn.cli.commands import COMMANDS, verify_folder
@@ -47,20 +48,23 @@ Job = tuple[str, dict[str, Any]]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line, and return its exit status.
 
-    That is 0, 1 if it failed, 2 if it cannot be understood, 130 if it was interrupted.
+    That is 0, 1 if it failed, 2 if it cannot be understood, 130 if it was interrupted, 141 if
+    nobody reads its output any more.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     trace = "--traceback" in words
     try:
         dispatch([word for word in words if word != "--traceback"], trace=trace)
+        # Here, not when Python ends, whether anybody reads it can still be answered for.
+        sys.stdout.flush()
     except KeyboardInterrupt:
         hint = "the same command continues with what is finished"
         print(f"error: interrupted; {hint}", file=sys.stderr)
         return 130
     except BrokenPipeError:
-        # Whoever read our output, `head` say, has seen enough.
+        # Whoever read our output, `head` say, has seen enough; what was to be done is not done.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        return 128 + SIGPIPE
     except Exception as error:
         from echolearn.cli.config import UsageError
         from echolearn.cli.sweeps import complaint

@@ -12,6 +12,9 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,6 +42,10 @@ ADVICE = {
     errno.EROFS: "choose a place that can be written",
 }
 """What to do about errors of the system."""
+
+
+KILLED = "its process was killed; was there too little memory? the same command tries it again"
+"""What is said of a job whose process ended before it."""
 
 
 class JobsFailed(Exception):
@@ -125,8 +132,28 @@ def complaint(error: Exception, *, trace: bool, about: str = "") -> str:
 def _in_processes(
     trying: Callable[[Job], Outcome], jobs: Sequence[Job], *, workers: int
 ) -> Iterable[Outcome]:
-    with processes(min(workers, len(jobs))) as pool:
-        yield from pool.map(trying, jobs)
+    """Yield what comes of each job, in order; a killed process costs the job it was at."""
+    outcomes: dict[int, Outcome] = {}
+    running: dict[Future[Outcome], tuple[int, ProcessPoolExecutor]] = {}
+    begun = 0
+    with ExitStack() as stack:
+        # A pool of several would give up all that they do when one of them is killed.
+        idle = [stack.enter_context(processes(1)) for _ in range(min(workers, len(jobs)))]
+        for index in range(len(jobs)):
+            while index not in outcomes:
+                while idle and begun < len(jobs):
+                    pool = idle.pop()
+                    running[pool.submit(trying, jobs[begun])] = (begun, pool)
+                    begun += 1
+                for done in wait(running, return_when=FIRST_COMPLETED).done:
+                    number, pool = running.pop(done)
+                    try:
+                        outcomes[number] = done.result()
+                    except BrokenProcessPool:
+                        outcomes[number] = (None, f"error: {jobs[number][0]}: {KILLED}")
+                        pool = stack.enter_context(processes(1))
+                    idle.append(pool)
+            yield outcomes.pop(index)
 
 
 def _by_hydra(

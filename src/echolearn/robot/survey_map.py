@@ -92,6 +92,9 @@ def map_survey(
         health = examine(walk)
         sound = mended(walk, health)
         mapped = score_survey(scorer, sound, resolution=float(resolution))
+        unchanged = _identity(scorer.bundle, walk, asked) == inputs
+        hint = "is it still being recorded? map it again when it is complete"
+        check(unchanged, "survey", survey, allowed="must not change while it is mapped", hint=hint)
         files = {key: value for writer in writers for key, value in writer.write(mapped).items()}
         why = []
         if not mapped.shown.any():
