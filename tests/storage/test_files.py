@@ -138,3 +138,12 @@ def test_sigkill_in_the_middle_leaves_the_old_file_or_none(
     assert (path.read_bytes() if path.exists() else None) == old
     files.clean(tmp_path)
     assert list(tmp_path.iterdir()) == ([path] if old is not None else [])
+
+
+def test_the_size_is_looked_at_before_a_byte_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "giant"
+    path.touch()
+    os.truncate(path, 10 << 40)
+    for size, said in ((1, "bytes, more than 68719476736"), (10 << 40, "bytes, more than")):
+        with pytest.raises(BadValue, match=f"giant: damaged, 10995116277760 {said}"):
+            files.check_file(path, size=size, expected="0" * 64)

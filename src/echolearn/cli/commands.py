@@ -161,7 +161,7 @@ COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
 
 def verify_folder(name: str) -> str:
     """Check every byte of finished folders; of a bundle, also what its model computes."""
-    from echolearn.checks import check
+    from echolearn.checks import check, printable
     from echolearn.storage import manifests
 
     allowed = "must be a folder that echolearn made"
@@ -170,12 +170,12 @@ def verify_folder(name: str) -> str:
     if (place / manifests.BUNDLE).is_file():
         from echolearn.robot import scorer
 
-        return f"{name}: {scorer.verify_bundle(place)}"
+        return printable(f"{name}: {scorer.verify_bundle(place)}")
     if (place / "survey.yaml").exists():
         from echolearn.survey import proof
 
-        return f"{name}: {proof.verify_survey(place)}"
-    return f"{name}: whole, {len(manifests.verify(place)['files'])} files"
+        return printable(f"{name}: {proof.verify_survey(place)}")
+    return printable(f"{name}: whole, {len(manifests.verify(place)['files'])} files")
 
 
 def localizers(plan: str) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from signal import SIGPIPE
 from typing import Any
 
 from echolearn.cli.commands import COMMANDS, verify_folder
+from echolearn.cli.streams import secure_streams
 
 HELP = """usage: echolearn <command> [key=value ...] [options]
 
@@ -51,6 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     That is 0, 1 if it failed, 2 if it cannot be understood, 130 if it was interrupted, 141 if
     nobody reads its output any more.
     """
+    secure_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
     trace = "--traceback" in words
     try:

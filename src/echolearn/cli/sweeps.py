@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from echolearn.checks import BadValue
+from echolearn.checks import BadValue, printable
 from echolearn.cli.config import UsageError, folder
 from echolearn.runtime.processes import processes, single_threads
 
@@ -126,7 +126,7 @@ def complaint(error: Exception, *, trace: bool, about: str = "") -> str:
         advice = ADVICE.get(error.errno or 0, "is it the right one?")
         reason = f"{os.fsdecode(error.filename)}: {error.strerror}; {advice}"
     before = "".join(traceback.format_exception(error)) if trace else ""
-    return f"{before}error: {about}{' '.join(reason.split())}"
+    return f"{before}error: {printable(about + ' '.join(reason.split()))}"
 
 
 def _in_processes(

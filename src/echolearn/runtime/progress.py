@@ -9,6 +9,8 @@ from collections.abc import Iterable, Iterator
 from importlib.util import find_spec
 from typing import TypeVar
 
+from echolearn.checks import printable
+
 T = TypeVar("T")
 
 PAUSE = 10.0
@@ -28,6 +30,8 @@ def track(
         done: number of them that were finished earlier.
     """
     total = done + len(items) if total is None else total  # type: ignore[arg-type]
+    # It may hold the name of a stranger's folder.
+    title = printable(title)
     show = _bar if sys.stderr.isatty() and find_spec("rich") else _lines
     return show(items, title, total=total, unit=unit, done=done)
 

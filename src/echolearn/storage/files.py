@@ -28,6 +28,9 @@ from numpy.typing import NDArray
 from echolearn.checks import BadValue
 from echolearn.storage.identity import canonical
 
+LARGEST = 64 << 30
+"""Bytes that a file may have; shards of the largest sets have fewer."""
+
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors against which more room helps."""
 
@@ -169,6 +172,9 @@ def check_file(path: Path, *, size: int, expected: str, mend: str = MEND) -> Non
         # The cheapest look comes first: a device or a pipe could be read for ever.
         if not stat.S_ISREG(about.st_mode):
             damage = "no plain file"
+        elif about.st_size > LARGEST:
+            # Of which nothing may be there, and a manifest that names it may be a stranger's.
+            damage = f"{about.st_size} bytes, more than {LARGEST}"
         elif about.st_size != size:
             damage = f"{about.st_size} bytes instead of {size}"
         elif sha256(path) != expected:
