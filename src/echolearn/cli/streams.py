@@ -24,8 +24,9 @@ def secure_streams() -> None:
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     # A test or a notebook that has put something in its place keeps it.
-    if sys.stderr is sys.__stderr__:
-        raw: Any = Lossy(sys.stderr.fileno(), "w", closefd=False)
+    given: Any = sys.stderr
+    if given is sys.__stderr__:
+        raw: Any = Lossy(given.fileno(), "w", closefd=False)
         sys.stderr = io.TextIOWrapper(
-            raw, encoding=sys.stderr.encoding, errors="backslashreplace", write_through=True
+            raw, encoding=given.encoding, errors="backslashreplace", write_through=True
         )
