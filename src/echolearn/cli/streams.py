@@ -25,7 +25,8 @@ def secure_streams() -> None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     # A test or a notebook that has put something in its place keeps it.
     given: Any = sys.stderr
-    if given is sys.__stderr__:
+    own = given is sys.__stderr__
+    if own:
         raw: Any = Lossy(given.fileno(), "w", closefd=False)
         sys.stderr = io.TextIOWrapper(
             raw, encoding=given.encoding, errors="backslashreplace", write_through=True
