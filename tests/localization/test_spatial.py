@@ -184,7 +184,7 @@ def test_under_a_robots_own_rotors_it_holds_the_map_that_plain_whitening_loses()
     scene = Scene(RING, signals.noise_probe(), Images(), White(), diffuse=noise)
     both = {way: Joint(azimuths=60, whiten=way) for way in (True, "spatial")}
     room = Room((6.0, 5.0, 6.0), 0.25)
-    study = Study("sdnr_db", [-36.0], room, scene, both, positions=8, trials=8)
+    study = Study("sdnr_db", [-36.0], room, scene, both, positions=5, trials=5)
     hits = estimate(study, -36.0)["hit"][:, :2, METRICS.index("on_map")]
     plain, weighted = hits.mean(axis=0)
     assert weighted >= plain + 0.5

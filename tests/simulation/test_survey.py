@@ -115,6 +115,8 @@ def test_a_finished_survey_is_left_alone(copy, walk, tmp_path):
     before = {path: path.stat().st_mtime_ns for path in copy.rglob("*")}
     assert walk(tmp_path, command="echolearn survey name=few poses=4", snr_db=5) == copy
     assert {path: path.stat().st_mtime_ns for path in copy.rglob("*")} == before
+    walked = manifests.load_manifest(copy)["made_from"]["walk"]
+    assert [set(pose) for pose in walked] == [{"kind", "position", "heading"}] * 4
 
 
 @pytest.mark.parametrize(

@@ -156,8 +156,9 @@ class Pose:
 
     position: Array
     heading: float = 0.0
-    position_sd: float = 0.0
-    heading_sd: float = 0.0
+    # `storage.identity.LATER`, which stands above this room: surveys of before keep their identity.
+    position_sd: float = field(default=0.0, metadata={"later": True})
+    heading_sd: float = field(default=0.0, metadata={"later": True})
 
     def __post_init__(self) -> None:
         allowed = "must be three finite coordinates in m"
