@@ -6,8 +6,9 @@ The page shows the waterfall besides (`waterfall.py`). Everything is measured an
 whoever asks stands beside the robot and has changed something.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -71,10 +72,7 @@ def check_survey(
     facts = gather(walk, health, unfit)
     content = page(walk, health, facts, fall=waterfall(walk, health, window))
     about = {"kind": "check", "verdict": facts.verdict} | manifests.command_entry(command)
-    with locked(folder):
-        clean(folder)
-        write_atomic(folder / PAGE, content)
-        manifests.finish(folder, about, [PAGE])
+    _write(folder, content, about)
 
     print("\n".join(screen(facts)))
     reasons = [*health.refused, *unfit]
@@ -107,6 +105,14 @@ def _fit(
     except BadValue as error:
         return found.localizer.window, [str(error)]
     return found.localizer.window, []
+
+
+def _write(folder: Path, content: bytes, about: Mapping[str, Any]) -> None:
+    """Write the page, in place of the one before, and then its manifest."""
+    with locked(folder):
+        clean(folder)
+        write_atomic(folder / PAGE, content)
+        manifests.finish(folder, about, [PAGE])
 
 
 def _check_free(folder: Path) -> None:
