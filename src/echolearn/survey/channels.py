@@ -68,6 +68,7 @@ class Walk(NamedTuple):
         used: microphones that are used, shape (M,), bool.
         distances: between microphones, shape (M, M), in m.
         headings: of the robot, shape (P,), in rad.
+        direct: whether the recordings hold the direct path.
     """
 
     numbers: Sequence[int]
@@ -77,6 +78,7 @@ class Walk(NamedTuple):
     used: Array
     distances: Array
     headings: Array
+    direct: bool
 
 
 def judge(walk: Walk) -> Verdicts:
@@ -109,7 +111,8 @@ def _dead(walk: Walk, found: Verdicts) -> Array:
     # One that has noise of its own and hears nothing of what all others hear.
     heard = (walk.echo.seen > SEEN).mean(axis=0)
     others = [np.median(np.delete(heard, m)) for m in range(len(heard))] if len(heard) > 1 else [0]
-    deaf = walk.used & (heard < 0.1) & (np.array(others) > 0.8) & (len(level) > 2)
+    burst = np.median(walk.echo.score, axis=0)
+    deaf = walk.used & (heard < 0.1) & (np.array(others) > 0.8) & (burst < 0.3) & (len(level) > 2)
     dead |= deaf & ~dead.any(axis=0)
     if not dead.any():
         return dead
@@ -216,8 +219,10 @@ def _loopback(walk: Walk, found: Verdicts, alive: Array) -> None:
     steady = (
         np.ptp(walk.echo.lag, axis=0) < 1.0 if len(walk.numbers) > 1 else np.ones(len(lag), bool)
     )
-    earliest = lag < np.median(lag[alive]) - 2.0
-    loop = alive & (score > ONE) & earliest & steady
+    # A microphone near the loudspeaker holds hardly more, but echoes besides.
+    alone = (walk.echo.seen > SEEN).mean(axis=0) < 0.1
+    early = lag < np.median(lag[alive]) - 2.0
+    loop = alive & (score > ONE) & (alone if walk.direct else early & steady)
     if loop.any() and not loop[alive].all():
         line = (
             f"loopback={naming.microphones(loop)} holds the burst as it was emitted, correlation "
@@ -234,6 +239,8 @@ def _swapped(walk: Walk, found: Verdicts) -> None:
     votes: dict[tuple[int, int], Array] = {}
     for first, second in {(int(a), int(b)) for a, b in pairs if a >= 0}:
         votes[first, second] = (pairs == (first, second)).all(axis=1)
+    sound = [word == "fine" for word in found.words]
+    votes = {pair: which for pair, which in votes.items() if sound[pair[0]] and sound[pair[1]]}
     if not votes:
         return
     (first, second), chosen = max(votes.items(), key=lambda item: int(item[1].sum()))

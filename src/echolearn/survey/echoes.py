@@ -30,6 +30,13 @@ FITS = 1.0
 AMISS = 2.0
 """Samples, rms, up to which lags fit a plane wave, and from which they do not."""
 
+ECHOES = 6
+"""Echoes of a recording that are looked at: those of floor and ceiling reach a level ring at once,
+and say nothing of who is where."""
+
+NOBODY = (-1, -1)
+"""No pair of microphones."""
+
 NEAR = 8
 """Lags on either side of an arrival in which the halves of its burst are sought."""
 
@@ -77,43 +84,62 @@ def measure(
         array: the microphones.
         scale: samples per metre of path.
     """
-    strongest = crests(found.outputs)
+    strongest = [crest(each, int(np.abs(each).argmax())) for each in found.outputs]
     start = found.zero
     if direct is not None:
         late = np.nan_to_num(direct.latency) + lags
         found = found.without(np.nan_to_num(direct.height), late)
         start += int(late.max()) + AFTER
     outputs = found.outputs[:, start:]
-    largest = np.abs(outputs).argmax(axis=-1)
-    heights = np.abs(outputs[np.arange(len(outputs)), largest])
-    loudest = int((heights / found.noise).argmax())
+    loudest = int((np.abs(outputs).max(axis=-1) / found.noise).argmax())
 
-    # What the others hear of it lies as near as the array is wide.
+    # What the others hear of an echo lies as near as the array is wide.
     reach = int(np.ceil(2 * scale * array.radius)) + 2
-    low = max(int(largest[loudest]) - reach, 0)
-    near = outputs[:, low : int(largest[loudest]) + reach + 1]
-    peaks = [crest(each, int(np.abs(each).argmax())) for each in near]
-    where = np.array([place for place, _ in peaks])
-    height = np.array([r for _, r in peaks])
+    places = strongest_places(outputs[loudest], ECHOES, apart=reach)
+    waves = [wave(outputs, place, reach=reach) for place in places]
+    votes = [
+        exchanged(where, np.abs(height) > SEEN * found.noise, positions=array.positions * scale)
+        for where, height in waves
+    ]
+    pairs = [pair for pair, _ in votes if pair != NOBODY]
+    height = waves[0][1]
     seen = np.abs(height) / found.noise
-    known = seen > SEEN
-    swapped, plane = exchanged(where, known, positions=array.positions * scale)
     burst = np.array([place - found.zero for place, _ in strongest])
     return Echo(
         seen=seen,
-        sign=np.where(known, np.sign(height), 0.0),
+        sign=np.where(seen > SEEN, np.sign(height), 0.0),
         lag=burst,
         score=scores(samples, strongest, zero=found.zero, probe=found.probe),
-        swapped=swapped,
-        plane=plane,
+        swapped=max(pairs, key=pairs.count) if pairs else NOBODY,
+        plane=any(plane for _, plane in votes),
         alike=instant(samples, found),
         drift=drift(samples, burst, probe=found.probe),
     )
 
 
-def crests(outputs: Array) -> list[tuple[float, float]]:
-    """Return where the largest |r| of each microphone is, and r there."""
-    return [crest(each, int(np.abs(each).argmax())) for each in outputs]
+def strongest_places(outputs: Array, count: int, *, apart: int) -> list[int]:
+    """Return the places of the largest |r| (K,), so many, no two nearer than `apart`."""
+    left = np.abs(outputs)
+    places = []
+    for _ in range(count):
+        place = int(left.argmax())
+        places.append(place)
+        left[max(place - apart, 0) : place + apart + 1] = 0.0
+    return places
+
+
+def wave(outputs: Array, place: int, *, reach: int) -> tuple[Array, Array]:
+    """Return where each microphone has its largest |r| near a place, and r there, each (M,).
+
+    Args:
+        outputs: of the matched filter, shape (M, K).
+        place: of an echo at one microphone.
+        reach: lags on either side within which it is at the others.
+    """
+    low = max(place - reach, 0)
+    near = outputs[:, low : place + reach + 1]
+    found = [crest(each, int(np.abs(each).argmax())) for each in near]
+    return np.array([where for where, _ in found]), np.array([r for _, r in found])
 
 
 def scores(samples: Array, peaks: list[tuple[float, float]], *, zero: int, probe: Probe) -> Array:
@@ -141,18 +167,18 @@ def exchanged(lags: Array, known: Array, *, positions: Array) -> tuple[tuple[int
         known: microphones at which it is seen, shape (M,), bool.
         positions: in samples of path, shape (M, 3).
     """
-    nobody = (-1, -1)
     used = np.flatnonzero(known)
     # Without more microphones than unknowns every lag fits.
     design = np.column_stack([np.ones(len(used)), positions[used]])
     if len(used) < np.linalg.matrix_rank(design) + 2:
-        return nobody, False
+        return NOBODY, False
     rest = np.eye(len(used)) - design @ np.linalg.pinv(design)
     here = lags[used]
     if _rms(rest @ here) <= FITS:
-        return nobody, True
+        # An echo on the axis would fit in any order.
+        return NOBODY, bool(np.ptp(here) > 4 * AMISS)
     if _rms(rest @ here) < AMISS:
-        return nobody, False
+        return NOBODY, False
 
     pairs = list(combinations(range(len(used)), 2))
     tried = np.tile(here, (len(pairs), 1))
@@ -161,7 +187,7 @@ def exchanged(lags: Array, known: Array, *, positions: Array) -> tuple[tuple[int
     left = np.sqrt(np.mean((tried @ rest) ** 2, axis=-1))
     best = int(left.argmin())
     if left[best] > FITS:
-        return nobody, False
+        return NOBODY, False
     first, second = pairs[best]
     return (int(used[first]), int(used[second])), False
 

@@ -125,32 +125,35 @@ def examine(survey: Survey) -> Health:
         used=survey.used,
         distances=np.linalg.norm(positions[:, None] - positions, axis=-1),
         headings=np.array([pose.heading for pose in survey.poses]),
+        direct=survey.direct is not None,
     )
     verdicts = channels.judge(walk)
+    deaf = ["dead" in word or "loopback" in word for word in verdicts.words]
+    alive = survey.used & ~np.array(deaf)
     zero = TimeZero(time_zero.TRUST, np.zeros(len(found)))
     if survey.direct:
         zero = time_zero.judge(
             direct,
             numbers=survey.numbers,
-            used=survey.used & (np.array(verdicts.words) != "dead"),
+            used=alive,
             sample_rate=survey.probe.sample_rate,
             speed=survey.speed_of_sound,
         )
     verdicts.refused += zero.refused
 
     # What a dead one seems to say is chance.
-    sign = np.where(np.array(verdicts.words) == "dead", 1.0, _signs(direct, walk.echo))
+    sign = np.where(alive, _signs(direct, walk.echo), 1.0)
     mending = Mending(
         latency=zero.late,
         calibration=_calibration(survey),
         sign=sign,
-        offset=walk.levels.shifted & survey.used,
+        offset=walk.levels.shifted & alive,
         tones=tuple(each.levels.tones for each in found),
     )
     noise = np.array([each.noise for each in found])
     rest = np.maximum(level[:, survey.used].mean(axis=1) / np.maximum(noise, 1e-30) - 1.0, 0.0)
     rest = np.where(rest < FAINT, np.nan, rest)
-    negative = _negative(walk.echo.sign * sign)
+    negative = _negative(walk.echo.sign * sign * alive)
     return Health(
         numbers=survey.numbers,
         direct=survey.direct is not None,
@@ -236,7 +239,8 @@ def _negative(sign: Array) -> float:
 def _reversed(negative: float, echo: Echo) -> list[str]:
     """Return the line on a walk most of whose echoes are negative, if it is one."""
     seen = int((echo.sign.sum(axis=1) != 0).sum())
-    if not (negative > 0.5 and seen >= 3):
+    # Two standard deviations of a coin that is tossed for each.
+    if not (2 * negative - 1) * seen >= 2 * np.sqrt(max(seen, 1)):
         return []
     return [
         f"the strongest echo is negative in {100 * negative:.0f} % of {seen} recordings; "
@@ -291,8 +295,8 @@ def _told(mending: Mending, walk: Walk, zero: TimeZero) -> list[str]:
     humming: Array = np.array([bool(each) for each in mending.tones])
     if humming.any():
         where = naming.recordings(numbers, humming)
-        most = _db(np.asarray(walk.levels.hum)[humming].max())
-        lines.append(f"hum of the mains up to {most:.0f} dB over the rest in {where}; subtracted")
+        most = _db(np.median(walk.levels.hum[humming], axis=1).max())
+        lines.append(f"hum of the mains {most:+.0f} dB over the rest in {where}; subtracted")
     return lines
 
 

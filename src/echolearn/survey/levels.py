@@ -17,7 +17,7 @@ OFFSET = 0.25
 """Offset over the rms of the rest from which it is subtracted; it takes 3 % of a score."""
 
 ALONE = 16.0
-"""Power of an offset or a tone over that of its neighbours from which it stands out."""
+"""Power of an offset over that of its neighbours from which it stands out."""
 
 MAINS = (50.0, 60.0)
 OTHERS = (37.0, 43.0, 71.0, 83.0)
@@ -28,6 +28,9 @@ HARMONICS = 10
 
 COMB = 8.0
 """Power of the mains' comb over that of the others from which it stands out."""
+
+TONE = 4.0
+"""The same of a single tone, where there is hum: one too many is but a hertz of the recording."""
 
 ASTRAY = 0.6
 FINER = 61
@@ -95,7 +98,7 @@ def stands_out(offset: Array, rest: Array) -> Array:
     # The lowest frequencies alone, without the transform of all.
     low = rest @ _waves(length, tuple(k / length for k in range(1, 9)))
     beside = np.mean(np.abs(low) ** 2, axis=-1) / length**2
-    return (np.abs(offset) > OFFSET * rest.std(axis=-1)) & (offset**2 > ALONE * beside)
+    return (np.abs(offset) > OFFSET * rest.std(axis=-1)) & (offset**2 > TONE * beside)
 
 
 def mains(samples: Array, sample_rate: float) -> tuple[float, ...]:
@@ -123,9 +126,7 @@ def mains(samples: Array, sample_rate: float) -> tuple[float, ...]:
     near = np.linspace(middle - ASTRAY, middle + ASTRAY, FINER)
     powers = comb(slow, near / rate).sum(axis=-1)
     best = int(powers.sum(axis=-1).argmax())
-    loud = powers[best] > np.maximum(
-        beside.sum() / HARMONICS * ALONE, HUM / 20 * powers[best].max()
-    )
+    loud = powers[best] > np.maximum(beside.sum() / HARMONICS * TONE, HUM / 20 * powers[best].max())
     return tuple(float(near[best] * k / sample_rate) for k in np.flatnonzero(loud) + 1)
 
 

@@ -101,7 +101,7 @@ class Survey:
         samples = np.stack([self.mended(pose) for pose in poses])
         if self.direct:
             gain = direct_path.free_field(self.array) if self.direct == "analytic" else None
-            samples = direct_path.remove(samples, self.arrivals, gain=gain)
+            samples = direct_path.remove(samples, self._arrivals(poses), gain=gain)
         psd, covariance = self.noise_statistics
         return Observation(
             samples=self._resampled(samples),
@@ -116,6 +116,14 @@ class Survey:
         """Return the recording of a pose as it should have been, shape (M, N)."""
         samples = self.recording(pose)
         return samples if self.mending is None else self.mending(samples, pose)
+
+    def _arrivals(self, poses: Sequence[int]) -> Array:
+        """Return the direct path as it is in some recordings, shape (M, N) or (B, M, N)."""
+        if self.mending is None or not (self.mending.latency < 0).any():
+            return self.arrivals
+        # What was lost is not there to be subtracted, nor does it tell the gain.
+        lost = -self.mending.latency[list(poses), None, None]
+        return np.where(np.arange(self.probe.length) >= lost, self.arrivals, 0.0)
 
     @property
     def used(self) -> Array:

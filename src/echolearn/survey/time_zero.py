@@ -204,7 +204,13 @@ def _disagree(
         unit: says lags.
         allowed: samples by which they may be off.
     """
-    which = wrong.any(axis=0)
+    which: Array = np.asarray(wrong.any(axis=0))
+    if which.mean() > 0.5 and len(which) > 2:
+        return (
+            f"direct path at {naming.microphones(which)}=none where geometry puts it in "
+            f"{naming.recordings(numbers, wrong.any(axis=-1))}: must be there where direct_path is "
+            "present; is it removed already, or are loudspeaker and microphones elsewhere?"
+        )
     most = float(off[wrong][np.abs(off[wrong]).argmax()])
     place = naming.recordings(numbers, wrong.any(axis=-1))
     return (

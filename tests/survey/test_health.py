@@ -1,0 +1,367 @@
+"""What recordings say of themselves: sound walks are left alone, each kind of fault is mended or
+refused, with its number."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from echolearn.acoustics.geometry import circular_array
+from echolearn.acoustics.signals import noise_probe
+from echolearn.acoustics.types import Array, Pose, Room
+from echolearn.checks import BadValue
+from echolearn.simulation.rir.images import Images
+from echolearn.simulation.scene import Scene
+from echolearn.simulation.walk import trajectory
+from echolearn.survey import audio
+from echolearn.survey.health import Health, examine, mended
+from echolearn.survey.mending import advance
+from echolearn.survey.poses import poses_csv
+from echolearn.survey.reader import Survey, read_survey
+
+PROBE = noise_probe(length=8000)
+ARRAY = circular_array()
+ROOM = Room((8.0, 6.0, 5.0), 0.25)
+POSES = trajectory(ROOM, poses=8)
+TIME = np.arange(PROBE.length) / PROBE.sample_rate
+SCENE = Scene(ARRAY, PROBE, Images(), None)  # type: ignore[arg-type]
+Change = Callable[[Array], Array]
+
+
+@cache
+def sound() -> Array:
+    """Return what a robot hears on its walk, without noise, shape (P, M, N)."""
+    return np.stack([SCENE.received(ROOM, pose) for pose in POSES])
+
+
+def walk(*, direct: bool, snr_db: float = 20.0, seed: int = 7) -> Array:
+    """Return a walk, the noise measured against the sound with its direct path, (P, M, N).
+
+    The seed is another than that of the probe, which would be part of the noise.
+    """
+    received = sound()
+    noise = np.random.default_rng(seed).standard_normal(received.shape)
+    level = received.std() * 10 ** (-snr_db / 20)
+    return received - (0.0 if direct else SCENE.direct) + level * noise
+
+
+def write(folder: Path, samples: Array, *, direct: bool, poses: list[Pose] = POSES) -> Survey:
+    """Write a survey of recordings (P, M, N), and open it."""
+    (folder / "observations").mkdir(parents=True)
+    about = {
+        "sample_rate": PROBE.sample_rate,
+        "speed_of_sound": 343.0,
+        "microphones": ARRAY.positions.tolist(),
+        "loudspeaker": [0.0, 0.0, 0.0],
+        "direct_path": "present" if direct else "removed",
+    }
+    (folder / "survey.yaml").write_text(yaml.safe_dump(about))
+    silence = PROBE.length - len(PROBE.samples)
+    burst = audio.wav_bytes(np.pad(PROBE.samples, (0, silence)), PROBE.sample_rate)
+    (folder / "probe.wav").write_bytes(burst)
+    names = [f"observations/{number}.wav" for number in range(len(samples))]
+    (folder / "poses.csv").write_bytes(poses_csv(poses[: len(samples)], names))
+    for name, recording in zip(names, samples, strict=True):
+        (folder / name).write_bytes(audio.wav_bytes(recording, PROBE.sample_rate))
+    return read_survey(folder)
+
+
+def late(*samples: int) -> Change:
+    """Return the change that delays recordings by so many samples, one after the other."""
+
+    def change(walk: Array) -> Array:
+        lags = np.resize(samples, len(walk))
+        return np.stack([advance(each, -lag) for each, lag in zip(walk, lags, strict=True)])
+
+    return change
+
+
+def at(microphone: int, change: Change, *, recordings: slice = slice(None)) -> Change:
+    """Return the change of one microphone's samples (P, N), in some recordings."""
+
+    def changed(walk: Array) -> Array:
+        walk = walk.copy()
+        walk[recordings, microphone - 1] = change(walk[recordings, microphone - 1])
+        return walk
+
+    return changed
+
+
+def swapped(first: int, second: int, recordings: slice) -> Change:
+    """Return the change that exchanges two microphones in some recordings."""
+
+    def change(walk: Array) -> Array:
+        walk = walk.copy()
+        pair = [first - 1, second - 1]
+        walk[recordings, pair] = walk[recordings, pair[::-1]]
+        return walk
+
+    return change
+
+
+def leaking(gain: float, *, alone: bool = False) -> Change:
+    """Return the change that lets microphone 2 leak into microphone 3, or be all it has."""
+    mixing = np.eye(6)
+    mixing[2, 1] = gain
+    mixing[2, 2] = 0.0 if alone else 1.0
+    return lambda walk: mixing @ walk
+
+
+def stretch(walk: Array, recording: int, *, start: int, put: Array | float) -> Array:
+    """Return recordings with 256 samples of one of them replaced."""
+    walk = walk.copy()
+    walk[recording, :, start : start + 256] = put
+    return walk
+
+
+def hum(level: float, *hertz: float) -> Array:
+    """Return tones of so many times the walk's rms, the second and others softer, shape (N,)."""
+    rms = walk(direct=False).std()
+    heights = np.array([1.0, 0.3, 0.1])[: len(hertz)]
+    tones = np.sin(2 * np.pi * np.outer(hertz, TIME) + 1.0)
+    return level * np.sqrt(2) * rms * (heights @ tones)
+
+
+def clipped(walk: Array) -> Array:
+    limit = walk[..., :1500].std()
+    return np.clip(walk, -limit, limit)
+
+
+def burst(lag: int) -> Array:
+    return advance(np.pad(PROBE.samples, (0, PROBE.length - len(PROBE.samples))), -lag)
+
+
+def hiss(walk: Array) -> Array:
+    return walk.std() * np.random.default_rng(9).standard_normal(walk.shape)
+
+
+MENDED: dict[str, tuple[bool, Change, str]] = {
+    "one sample late": (True, late(1), "arrives 1.0 samples .* later than geometry says; taken"),
+    "3200 samples late": (True, late(3200), "arrives 3200.0 samples .145 ms. later"),
+    "late by a part of a sample": (True, late(0.5), "arrives 0.5 samples"),
+    "ever differently late": (True, late(0, 31, 7, 220), "arrives .* to 220.0 samples .9.98 ms"),
+    "a buffer lost before it": (True, late(700, 700, 444), "arrives 444.0 samples .* to 700.0"),
+    "the burst's beginning lost": (True, late(0, 0, -256), "arrives -256.0 samples"),
+    "all turned": (True, lambda x: -x, "all 6 microphones wired the other way; turned"),
+    "one turned": (True, at(3, lambda x: -x), "microphone 3 wired the other way; turned"),
+    "one turned, removed": (False, at(3, lambda x: -x), "microphone 3 wired the other way"),
+    "offset": (False, lambda x: x + 0.3, "offset up to 0.3 at all 6 microphones in all 8 rec"),
+    "offset of one": (False, at(2, lambda x: x - 0.1), "offset up to 0.1.* at microphone 2 in"),
+    "small offset": (False, lambda x: x + 0.4 * x.std(), "offset up to .* at all 6 microphones"),
+    "hum": (False, lambda x: x + hum(1.0, 50.0), r"hum of the mains \+0 dB over the rest in all"),
+    "loud hum": (True, lambda x: x + hum(3.0, 60, 180, 300), "hum of the mains"),
+    "hum near 50 Hz": (False, lambda x: x + hum(5.0, 49.9, 99.8), r"hum of the mains \+1. dB"),
+    "hum of one": (False, at(5, lambda x: x + hum(3.0, 50.0)), "hum of the mains"),
+}
+"""Faults that are mended: whether the direct path is present, what is done, and what is said."""
+
+REFUSED: dict[str, tuple[bool, Change, str]] = {
+    "one channel late": (
+        True,
+        at(4, late(1)),
+        "direct path at microphone 4=1.0 samples .0.0455 ms. off in all 8 recordings",
+    ),
+    "one channel slips": (
+        True,
+        at(4, late(64), recordings=slice(4, None)),
+        "direct path at microphone 4=64.0 samples .2.9 ms. off in recordings 4, 5, 6, 7: must be",
+    ),
+    "no direct path": (
+        True,
+        lambda x: x - SCENE.direct,
+        "direct path at .*=none where geometry puts it in recordings .*is it removed already",
+    ),
+    "no direct path once": (
+        True,
+        lambda x: x - SCENE.direct * (np.arange(8) == 6)[:, None, None],
+        "direct path missing in recording 6: must be there",
+    ),
+    "zeros": (
+        False,
+        lambda x: stretch(x, 3, start=700, put=0.0),
+        "lost samples=256 exact zeros in a row at all 6 microphones in recording 3: must be sound",
+    ),
+    "a buffer twice": (
+        True,
+        lambda x: stretch(x, 7, start=512, put=x[7, :, 256:512]),
+        "repeated samples=256 in recording 7: must be sound",
+    ),
+    "dead": (
+        False,
+        at(3, lambda x: 0 * x),
+        r"dead channels=microphone 3 in all 8 recordings: must hear .* without=\[3\] maps",
+    ),
+    "dead but for hum": (False, at(3, lambda x: 0 * x + hum(2, 50)), "dead channels=microphone 3"),
+    "nothing but its own noise": (True, at(3, hiss), "dead channels=microphone 3"),
+    "dead ones change": (
+        False,
+        lambda x: x * (np.arange(6) != np.arange(8)[:, None] % 2)[..., None],
+        "dead channels=microphones 1, 2 in all 8 recordings, .*do channels change places",
+    ),
+    "clipped": (False, clipped, "clipped=.* % of a burst at all 6 microphones in all 8 rec.*gain"),
+    "clipped once": (
+        True,
+        lambda x: np.where(np.arange(8)[:, None, None] == 4, clipped(x[4]), x),
+        "clipped=.* at all 6 microphones in recording 4: must be at most 1 %",
+    ),
+    "doubled": (
+        True,
+        lambda x: x[:, [0, 1, 1, 3, 4, 5]],
+        "doubled channels=microphones 2, 3 correlate 1.000 in all 8 recordings: must be different",
+    ),
+    "doubled, softer": (
+        False,
+        lambda x: x[:, [0, 1, 1, 3, 4, 5]] * np.array([1, 1, 0.5, 1, 1, 1])[:, None],
+        "doubled channels=microphones 2, 3",
+    ),
+    "changed places": (
+        False,
+        swapped(2, 3, slice(4, None)),
+        "changed places=microphones 2, 3 in recordings 4, 5, .*: echoes must be plane waves",
+    ),
+    "changed places, present": (
+        True,
+        swapped(1, 4, slice(2, 8)),
+        "changed places=microphones 1, 4",
+    ),
+    "crosstalk": (
+        False,
+        leaking(0.3),
+        "crosstalk=-1. dB between microphones 2, 3 in the median recording: must be below -24 dB",
+    ),
+    "crosstalk alone": (False, leaking(0.02, alone=True), "doubled channels=microphones 2, 3"),
+    "loopback": (
+        False,
+        at(6, lambda x: np.tile(burst(0), (len(x), 1))),
+        r"loopback=microphone 6 holds the burst as it was emitted.* without=\[6\] maps",
+    ),
+    "loopback, present": (
+        True,
+        at(6, lambda x: np.tile(0.5 * burst(40), (len(x), 1))),
+        "loopback=microphone 6 holds the burst",
+    ),
+}
+"""Faults that are refused, likewise."""
+
+
+@pytest.mark.parametrize("direct", [True, False])
+@pytest.mark.parametrize("snr_db", [40.0, 20.0, 0.0, -10.0, -20.0])
+def test_sound_walks_are_left_alone(direct: bool, snr_db: float, tmp_path: Path) -> None:
+    """However noisy they are."""
+    survey = write(tmp_path / "walk", walk(direct=direct, snr_db=snr_db), direct=direct)
+    health = examine(survey)
+    assert (health.refused, health.mended, health.noticed) == ((), (), ())
+    assert health.mending is None and set(health.verdicts) == {"fine"}
+    assert mended(survey, health).observe([0]).samples.tobytes() == (
+        survey.observe([0]).samples.tobytes()
+    )
+    if direct and snr_db >= -10:
+        assert np.abs(health.latency_samples).max() < 0.3
+        assert "in time" in health.time_zero
+    elif not direct:
+        assert "on trust" in health.time_zero and np.isnan(health.latency_samples).all()
+
+
+@pytest.mark.parametrize("fault", MENDED)
+def test_what_is_mended_is_as_if_it_had_never_been(fault: str, tmp_path: Path) -> None:
+    direct, change, said = MENDED[fault]
+    healthy = walk(direct=direct)
+    survey = write(tmp_path / "faulty", change(healthy), direct=direct)
+    health = examine(survey)
+    assert not health.refused
+    [line] = health.mended
+    assert re.search(said, line), line
+    wanted = write(tmp_path / "sound", healthy, direct=direct).observe(range(8)).samples
+    found = mended(survey, health).observe(range(8)).samples
+    # What was lost at either end is nobody's echo.
+    error = (found - wanted)[..., 300:4000].std()
+    assert error < 0.2 * wanted[..., 300:4000].std()
+
+
+@pytest.mark.parametrize("fault", REFUSED)
+def test_what_cannot_be_mended_is_refused_with_its_number(fault: str, tmp_path: Path) -> None:
+    direct, change, said = REFUSED[fault]
+    survey = write(tmp_path / "faulty", change(walk(direct=direct)), direct=direct)
+    health = examine(survey)
+    with pytest.raises(BadValue, match=f"^{survey.folder}: {said}"):
+        mended(survey, health)
+
+
+def test_where_noise_hides_the_direct_path_nothing_is_refused(tmp_path: Path) -> None:
+    survey = write(tmp_path / "walk", walk(direct=True, snr_db=-40), direct=True)
+    health = examine(survey)
+    assert "not measurable at this SNR" in health.time_zero
+    assert not health.refused and np.isnan(health.latency_samples).mean() > 0.9
+
+
+def test_echoes_that_are_mostly_negative_are_told(tmp_path: Path) -> None:
+    """Without a direct path it may be walls that turn them."""
+    health = examine(write(tmp_path / "walk", -walk(direct=False), direct=False))
+    [line] = health.noticed
+    assert line.startswith("the strongest echo is negative in 100 % of 8 recordings; localizer.sig")
+    assert health.negative_echoes == 1.0 and not health.refused and not health.mended
+
+
+def test_a_soft_microphone_is_told_and_mended_by_gains_only(tmp_path: Path) -> None:
+    softer = np.where(np.arange(6) == 2, 10 ** (-38 / 20), 1.0)[:, None]
+    survey = write(tmp_path / "walk", softer * walk(direct=False), direct=False)
+    health = examine(survey)
+    [line] = health.noticed
+    assert line.startswith("microphone 3 is 38 dB below the others; gains=[1,1,")
+    assert not health.refused and health.mending is None
+    gains = np.array([1, 1, 10 ** (38 / 20), 1, 1, 1])
+    assert examine(replace(survey, gains=gains)).noticed == ()
+
+
+def test_a_microphone_that_is_left_out_is_not_judged(tmp_path: Path) -> None:
+    survey = write(tmp_path / "walk", at(3, lambda x: 0 * x)(walk(direct=True)), direct=True)
+    without = replace(survey, gains=np.array([1.0, 1, 0, 1, 1, 1]))
+    health = examine(without)
+    assert not health.refused and health.verdicts[2] == "left out"
+
+
+def calibrated(survey: Survey, lag: int) -> Survey:
+    """Return a survey with a calibration that is twice as late as its recordings."""
+    recorded = audio.wav_bytes(advance(SCENE.direct, -2 * lag), PROBE.sample_rate)
+    (survey.folder / "calibration.wav").write_bytes(recorded)
+    return read_survey(survey.folder)
+
+
+def test_the_calibration_may_be_late_by_itself(tmp_path: Path) -> None:
+    wanted, survey = (
+        calibrated(write(tmp_path / str(lag), late(lag)(walk(direct=True)), direct=True), lag)
+        for lag in (0, 5)
+    )
+    health = examine(survey)
+    assert [line.split(" samples")[0] for line in health.mended] == [
+        "the direct path arrives 5.0",
+        "calibration.wav begins 10.0",
+    ]
+    found = mended(survey, health).observe([0]).samples
+    assert np.allclose(found[..., :4000], wanted.observe([0]).samples[..., :4000], atol=1e-4)
+
+
+def test_clocks_that_drift_are_measured(tmp_path: Path) -> None:
+    """A player that is one in a thousand faster is heard so."""
+    places = np.arange(PROBE.length) * (1 + 1e-3)
+    played = [[np.interp(places, np.arange(PROBE.length), x) for x in y] for y in walk(direct=True)]
+    health = examine(write(tmp_path / "walk", np.array(played), direct=True))
+    assert health.clock_drift_ppm == pytest.approx(-1000, abs=150)
+    assert not health.refused
+
+
+def test_levels_are_those_of_the_probe(tmp_path: Path) -> None:
+    """Offset and hum are 20 dB louder, and change neither level nor noise."""
+    quiet = walk(direct=False)
+    plain = examine(write(tmp_path / "plain", quiet, direct=False))
+    loud: Health = examine(write(tmp_path / "loud", quiet + hum(10.0, 50) + 0.2, direct=False))
+    assert np.allclose(loud.level_db, plain.level_db, atol=0.2)
+    assert np.allclose(loud.noise_db, plain.noise_db, atol=0.5)
+    assert loud.hum_hz == pytest.approx(50, abs=0.1) and loud.hum_db.max() == pytest.approx(
+        20, abs=1
+    )
