@@ -338,6 +338,21 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(
     assert content(tmp_path / "runs") == {}
 
 
+def test_a_survey_that_changes_while_it_is_mapped_is_no_map(
+    made: Make, walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def meanwhile(*given: Any, **named: Any) -> Any:
+        found = score_survey(*given, **named)
+        with (walk / "poses.csv").open("a") as file:
+            file.write("\n")
+        return found
+
+    monkeypatch.setattr("echolearn.robot.survey_map.score_survey", meanwhile)
+    with pytest.raises(BadValue, match="must not change while it is mapped; is it still being"):
+        made()
+    assert content(tmp_path / "runs") == {}
+
+
 # ---------------------------------------------------------------- the command
 
 
