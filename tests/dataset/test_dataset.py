@@ -15,6 +15,7 @@ import pytest
 import reference
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Observation, Pose, Room
+from echolearn.checks import BadValue
 from echolearn.dataset import generate as generation
 from echolearn.dataset import records as recording
 from echolearn.dataset.generate import folder_of, generate
@@ -448,3 +449,10 @@ def peak():
     """Return the most memory, in bytes, this process has held since the last reset."""
     status = Path("/proc/self/status").read_text()
     return 1024.0 * int(status.partition("VmHWM:")[2].split()[0])
+
+
+def test_a_set_under_the_name_of_another_is_found_out(plan, finished, tmp_path):
+    other = replace(plan, seed=8)
+    shutil.copytree(finished, folder_of(other, tmp_path))
+    with pytest.raises(BadValue, match="must hold the set of its own plan; was it renamed"):
+        generate(other, runs=tmp_path, engine=Serial())

@@ -7,6 +7,7 @@ computed whole and with one thread, so the bytes are the same for any engine, an
 and any interruption. A shard is one structured array, a record per echo.
 """
 
+import json
 import time
 from contextlib import closing
 from functools import partial
@@ -22,7 +23,7 @@ from echolearn.runtime.engine import Engine
 from echolearn.runtime.progress import track
 from echolearn.storage import manifests
 from echolearn.storage.files import clean
-from echolearn.storage.identity import digest, plain
+from echolearn.storage.identity import canonical, digest, plain
 from echolearn.storage.once import presence
 
 BLOCK = 64
@@ -58,6 +59,11 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
     check(fits, "plan.shard_rows", plan.shard_rows, allowed=allowed, hint="make it larger")
 
     clean(folder)
+    if manifests.is_finished(folder):
+        # Its digest is that of its plan: a folder that was renamed holds the rows of another.
+        own = manifests.load_manifest(folder).get("plan") == json.loads(canonical(plain(plan)))
+        allowed = "must hold the set of its own plan"
+        check(own, "folder", folder, allowed=allowed, hint="was it renamed or copied? remove it")
     missing = manifests.missing_shards(folder, count)
     if missing:
         # The mark is how a worker elsewhere knows that its folder is this one.
