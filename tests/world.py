@@ -154,11 +154,11 @@ def pack(world: World, classifier: str, runs: Path, **changes: Any) -> Path:
     return export(**given | changes)
 
 
-def evaluated(world: World) -> Comparison:
+def evaluated(world: World, *, workers: int = 1) -> Comparison:
     """Return the comparison of the world."""
     keys = ("runs", "tested", "surveys", "localizers")
     inputs = load_inputs(**{key: world.arguments[key] for key in keys})
-    return evaluate(inputs, resamples=50, workers=1)
+    return evaluate(inputs, resamples=50, workers=workers)
 
 
 def coming_second(

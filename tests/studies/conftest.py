@@ -16,11 +16,11 @@ from echolearn.studies.study import Study
 
 @pytest.fixture(scope="session")
 def small():
-    """Return a study of two levels and two localizers."""
+    """Return a study of three levels and two localizers."""
     scene = Scene(circular_array(), noise_probe(length=8000), Images(), White())
     localizers = {"gated": Gated(azimuths=36), "joint": Joint(azimuths=36)}
     room = Room((6.0, 5.0, 6.0), 0.25)
-    return Study("snr_db", [-30.0, 10.0], room, scene, localizers, positions=4, trials=12)
+    return Study("snr_db", [-30.0, 0.0, 10.0], room, scene, localizers, positions=4, trials=12)
 
 
 @pytest.fixture(scope="session")
