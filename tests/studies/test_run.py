@@ -43,7 +43,11 @@ def test_estimators_are_perfect_in_quiet_and_guess_in_noise(folder):
     for row in rows:
         figures = [float(row[key]) for key in ("value", "ci_low", "ci_high")]
         shares[row["localizer"], row["snr_db"], row["metric"]] = figures
+    lines = (folder / "study.md").read_text().splitlines()
+    assert "| | -30.0 | 0.0 | 10.0 |" in lines
     for localizer in ("gated", "joint"):
+        toa = [100 * shares[localizer, level, "toa"][0] for level in ("-30.0", "0.0", "10.0")]
+        assert f"| {localizer} | {toa[0]:.0f} | {toa[1]:.0f} | {toa[2]:.0f} |" in lines
         value, low, high = shares[localizer, "10.0", "on_map"]
         assert value == high == 1.0
         assert 0.7 < low < 0.8  # Wilson's for 12 of 12
