@@ -13,6 +13,7 @@ instant, at all frequencies alike, did not come through air:
 is 1 for channels that are one, and a little for those that leak into one another.
 """
 
+from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ import numpy as np
 from scipy import fft
 
 from echolearn.acoustics.types import Array, MicArray, Probe
-from echolearn.survey.arrivals import SEEN, Arrivals, crest
+from echolearn.survey.arrivals import SEEN, Arrivals, largest
 from echolearn.survey.time_zero import Direct
 
 AFTER = 32
@@ -84,7 +85,8 @@ def measure(
         array: the microphones.
         scale: samples per metre of path.
     """
-    strongest = [crest(each, int(np.abs(each).argmax())) for each in found.outputs]
+    strongest, highest = largest(found.outputs)
+    burst = strongest - found.zero
     start = found.zero
     if direct is not None:
         late = np.nan_to_num(direct.latency) + lags
@@ -104,12 +106,11 @@ def measure(
     pairs = [pair for pair, _ in votes if pair != NOBODY]
     height = waves[0][1]
     seen = np.abs(height) / found.noise
-    burst = np.array([place - found.zero for place, _ in strongest])
     return Echo(
         seen=seen,
         sign=np.where(seen > SEEN, np.sign(height), 0.0),
         lag=burst,
-        score=scores(samples, strongest, zero=found.zero, probe=found.probe),
+        score=scores(samples, burst, heights=highest, length=len(found.probe.samples)),
         swapped=max(pairs, key=pairs.count) if pairs else NOBODY,
         plane=any(plane for _, plane in votes),
         alike=instant(samples, found),
@@ -138,25 +139,22 @@ def wave(outputs: Array, place: int, *, reach: int) -> tuple[Array, Array]:
     """
     low = max(place - reach, 0)
     near = outputs[:, low : place + reach + 1]
-    found = [crest(each, int(np.abs(each).argmax())) for each in near]
-    return np.array([where for where, _ in found]), np.array([r for _, r in found])
+    return largest(near)
 
 
-def scores(samples: Array, peaks: list[tuple[float, float]], *, zero: int, probe: Probe) -> Array:
+def scores(samples: Array, lags: Array, *, heights: Array, length: int) -> Array:
     """Return |r| at crests as a normalised correlation, shape (M,).
 
     Args:
         samples: the recording, shape (M, N).
-        peaks: place in the outputs, and r, of each microphone.
-        zero: place of lag 0.
-        probe: what was emitted.
+        lags: of the crests, shape (M,), in samples.
+        heights: r there, shape (M,).
+        length: of the burst.
     """
-    found = []
-    for channel, (place, r) in zip(samples, peaks, strict=True):
-        start = max(round(place) - zero, 0)
-        energy = float(np.sum(channel[start : start + len(probe.samples)] ** 2))
-        found.append(abs(r) / np.sqrt(energy) if energy else 0.0)
-    return np.array(found)
+    starts = np.maximum(np.rint(lags).astype(int), 0)
+    rows = zip(samples, starts, strict=True)
+    energy = np.array([np.sum(channel[start : start + length] ** 2) for channel, start in rows])
+    return np.abs(heights) / np.sqrt(np.where(energy > 0, energy, np.inf))
 
 
 def exchanged(lags: Array, known: Array, *, positions: Array) -> tuple[tuple[int, int], bool]:
@@ -170,9 +168,9 @@ def exchanged(lags: Array, known: Array, *, positions: Array) -> tuple[tuple[int
     used = np.flatnonzero(known)
     # Without more microphones than unknowns every lag fits.
     design = np.column_stack([np.ones(len(used)), positions[used]])
-    if len(used) < np.linalg.matrix_rank(design) + 2:
+    rest = _residual(design.tobytes(), len(used))
+    if np.trace(rest) < 1.5:
         return NOBODY, False
-    rest = np.eye(len(used)) - design @ np.linalg.pinv(design)
     here = lags[used]
     if _rms(rest @ here) <= FITS:
         # An echo on the axis would fit in any order.
@@ -192,15 +190,24 @@ def exchanged(lags: Array, known: Array, *, positions: Array) -> tuple[tuple[int
     return (int(used[first]), int(used[second])), False
 
 
+@lru_cache(maxsize=64)
+def _residual(design: bytes, count: int) -> Array:
+    """Return what takes off `count` lags the plane wave that fits best, by its design matrix."""
+    columns = np.frombuffer(design).reshape(count, 4)
+    return np.eye(count) - columns @ np.linalg.pinv(columns)
+
+
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
 def coherence(spectrum: Array) -> Array:
     """Return rho between all microphones from spectra (M, F), 0 to itself, shape (M, M)."""
-    power = np.mean(np.abs(spectrum) ** 2, axis=0)
-    white = spectrum / np.sqrt(np.maximum(power, 1e-12 * power.max() + 1e-300))
-    cross = (white @ white.conj().T).real
+    # Real and imaginary parts side by side: only the real part of products is wanted.
+    parts = np.ascontiguousarray(spectrum).view(float)
+    power = np.mean(parts**2, axis=0).reshape(-1, 2).sum(axis=-1)
+    white = parts / np.repeat(np.sqrt(np.maximum(power, 1e-12 * power.max() + 1e-300)), 2)
+    cross = white @ white.T
     size = np.sqrt(np.maximum(np.diag(cross), 1e-300))
     alike: Array = cross / np.outer(size, size)
     np.fill_diagonal(alike, 0.0)
@@ -234,16 +241,13 @@ def drift(samples: Array, lags: Array, *, probe: Probe) -> float:
         probe: what was emitted.
     """
     half = len(probe.samples) // 2
-    halves = (probe.samples[:half], probe.samples[half : 2 * half])
-    found = []
-    for channel, lag in zip(samples, lags, strict=True):
-        start = round(lag) - NEAR
-        stretch = channel[max(start, 0) : start + len(probe.samples) + 2 * NEAR]
-        if start < 0 or len(stretch) < len(probe.samples) + 2 * NEAR:
-            continue
-        parts = (stretch[: half + 2 * NEAR], stretch[half : 2 * half + 2 * NEAR])
-        pairs = zip(parts, halves, strict=True)
-        outputs = [np.correlate(part, burst, "valid") for part, burst in pairs]
-        first, second = (crest(each, int(np.abs(each).argmax()))[0] for each in outputs)
-        found.append((second - first) / half)
-    return float(np.median(found)) if found else float("nan")
+    starts = np.rint(lags).astype(int) - NEAR
+    size = 2 * half + 2 * NEAR
+    whole = (starts >= 0) & (starts + size <= samples.shape[-1])
+    if not whole.any():
+        return float("nan")
+    stretches = samples[np.flatnonzero(whole)[:, None], starts[whole, None] + np.arange(size)]
+    windows = np.lib.stride_tricks.sliding_window_view(stretches, half, axis=-1)
+    first, _ = largest(windows[:, : 2 * NEAR + 1] @ probe.samples[:half])
+    second, _ = largest(windows[:, half:] @ probe.samples[half : 2 * half])
+    return float(np.median(second - first) / half)

@@ -16,7 +16,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.survey import naming
-from echolearn.survey.arrivals import SEEN, Arrivals, crest
+from echolearn.survey.arrivals import SEEN, Arrivals, crests
 
 TRUST = "time zero is taken on trust, since direct_path is removed"
 HIDDEN = "time zero is not measurable at this SNR"
@@ -77,21 +77,17 @@ def measure(found: Arrivals, lags: Array) -> Direct:
     together = _together(found, lags)
     seen = bool(together.max() > JOINT)
     common = found.first(together, JOINT / SEEN)
-    latency = np.full(len(lags), np.nan)
-    height = np.full(len(lags), np.nan)
+    alone = np.abs(outputs).max(axis=-1) > SEEN * noise
+    places = np.zeros(len(lags), dtype=int)
     for m, lag in enumerate(lags):
-        if np.abs(outputs[m]).max() > SEEN * noise[m]:
-            place = found.first(outputs[m], noise[m])
-        elif seen:
-            # Too faint to be found alone, it must be where it is at the others.
-            start = max(common + round(lag) - 2, 0)
-            place = start + int(np.abs(outputs[m, start : start + 5]).argmax())
-        else:
-            continue
-        where, r = crest(outputs[m], place)
-        if abs(r) > SEEN * noise[m] / 2:
-            latency[m] = where - found.zero - lag
-            height[m] = r
+        # Too faint to be found alone, it must be where it is at the others.
+        start = max(common + round(lag) - 2, 0)
+        beside = start + int(np.abs(outputs[m, start : start + 5]).argmax())
+        places[m] = found.first(outputs[m], noise[m]) if alone[m] else beside
+    where, r = crests(outputs, places)
+    there = (alone | seen) & (np.abs(r) > SEEN * noise / 2)
+    latency = np.where(there, where - found.zero - lags, np.nan)
+    height = np.where(there, r, np.nan)
     return Direct(latency, height, noise)
 
 
