@@ -25,7 +25,10 @@ def test_memory_does_not_grow_with_the_walk(packed: Path, tmp_path: Path) -> Non
 
     def measured(poses: int) -> dict[str, Any]:
         """Return what a process says that has taken a walk, at each pose the same recording."""
-        names = ["observations/0000.wav"] * poses
+        names = [f"observations/{pose:04d}.wav" for pose in range(poses)]
+        for name in names:
+            if not (walk / name).exists():
+                (walk / name).hardlink_to(walk / names[0])
         (walk / "poses.csv").write_bytes(poses_csv(trajectory(HALL, poses=poses), names))
         words = ["-m", "echolearn.bench.onboard", str(packed), str(walk), "gated"]
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}

@@ -316,7 +316,7 @@ def test_damaged_shards_are_refused_by_name_and_mended(finished, copy, make):
         name: contents(finished)[name] for name in SHARDS
     }
     assert Dataset(finished).digest == digest(manifests.load_manifest(copy)["files"])
-    assert damage(2, flipped) == f"run again: {COMMAND}"
+    assert damage(2, flipped) == f"run again: {COMMAND} runs={copy.parents[1]}"
 
 
 def flipped(whole):

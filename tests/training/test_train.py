@@ -274,7 +274,8 @@ class TestTrust:
     def test_any_flipped_bit_is_refused_and_mended(self, toy, run, tmp_path):
         expected = result_files(run)
         for name, whole in expected.items():
-            mend = files.MEND if name == "metrics.json" else f"run again: {re.escape(COMMAND)}"
+            again = re.escape(f"{COMMAND} runs={tmp_path}")
+            mend = files.MEND if name == "metrics.json" else f"run again: {again}"
             for place in range(0, len(whole), len(whole) // 40):
                 flipped = bytes([whole[place] ^ 1 << place % 8])
                 (run / name).write_bytes(whole[:place] + flipped + whole[place + 1 :])
