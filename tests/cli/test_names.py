@@ -15,12 +15,12 @@ def named(line: str) -> list[str]:
     """Return the names of the jobs of a command line."""
     command, *words = shlex.split(line)
     options, _, sweeps = parse(words)
-    jobs = composed(command, sweeps, options)
+    jobs = composed(command, sweeps, options=options)
     for swept, config in jobs:
         # The command of a job alone makes the same folder, in one run.
         program, name, *alone = shlex.split(config["command"])
         assert program == "echolearn"
-        [(_, again)] = composed(name, [alone], parse([])[0])
+        [(_, again)] = composed(name, [alone], options=parse([])[0])
         assert again["name"] == config["name"], swept
     return [config["name"] for _, config in jobs]
 

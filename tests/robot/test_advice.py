@@ -25,7 +25,7 @@ def health(tmp_path_factory: pytest.TempPathFactory) -> Health:
 
 
 def told(walk: MappedWalk, health: Health, **changes: Any) -> list[str]:
-    return causes(walk, replace(health, **changes), SearchWindow(1.0, 2.0))
+    return causes(walk, replace(health, **changes), window=SearchWindow(1.0, 2.0))
 
 
 @pytest.fixture

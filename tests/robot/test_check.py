@@ -155,7 +155,7 @@ def test_its_images_are_the_waterfall_of_array_and_microphones(
         for found in re.findall(r"data:image/png;base64,([\w+/=]+)", text)
     ]
     survey = read_survey(folder)
-    fall = waterfall(survey, examine(survey), SearchWindow())
+    fall = waterfall(survey, examine(survey), window=SearchWindow())
     assert len(images) == 1 + len(SCENE.array)
     for image, drawn in zip(images, fall.images, strict=True):
         assert np.array_equal(image, drawn)
@@ -163,7 +163,7 @@ def test_its_images_are_the_waterfall_of_array_and_microphones(
 
 def test_the_waterfall_is_brightest_where_the_direct_path_and_the_echoes_are(folder: Path) -> None:
     survey = read_survey(folder)
-    fall = waterfall(survey, examine(survey), SearchWindow())
+    fall = waterfall(survey, examine(survey), window=SearchWindow())
     array, *alone = fall.images
     assert fall.echoes is not None
     for drawn, microphone in [(array, 0), *zip(alone, range(6), strict=True)]:
@@ -180,9 +180,9 @@ def test_the_waterfall_is_brightest_where_the_direct_path_and_the_echoes_are(fol
 
 def test_more_poses_than_pixels_lose_no_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     survey = read_survey(folder)
-    whole = waterfall(survey, examine(survey), SearchWindow()).images[0]
+    whole = waterfall(survey, examine(survey), window=SearchWindow()).images[0]
     monkeypatch.setattr("echolearn.robot.waterfall.SIZE", (3, 50))
-    small = waterfall(survey, examine(survey), SearchWindow()).images[0]
+    small = waterfall(survey, examine(survey), window=SearchWindow()).images[0]
     assert small.shape == (3, 50)
     starts = np.arange(50) * whole.shape[1] // 50
     columns = np.maximum.reduceat(whole, starts, axis=1)
@@ -202,7 +202,7 @@ def test_without_walls_and_direct_path_nothing_is_drawn_of_them(
 def test_first_echoes_are_those_of_mirror_sources(heading: float) -> None:
     pose = Pose(np.array([2.0, 1.5, 1.2]), heading)
     microphones = microphone_positions(SCENE.array, pose)
-    ways = first_echoes(outline(ROOM), pose.position, microphones)
+    ways = first_echoes(outline(ROOM), pose.position, microphones=microphones)
     truth = true_echoes(ROOM, pose, array=SCENE.array)
     # Walls go round the outline; the truth has x = 0, x = max, y = 0, y = max.
     assert ways[0, [3, 1, 0, 2]] == pytest.approx(truth.toa[:4] * 343.0)
@@ -212,7 +212,7 @@ def test_first_echoes_are_those_of_mirror_sources(heading: float) -> None:
 def test_a_wall_that_ends_before_the_sound_meets_it_sends_none_back() -> None:
     corner = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]])
     place = np.array([1.0, 3.0, 1.0])
-    heard = np.isfinite(first_echoes(corner, place, place[None])[0])
+    heard = np.isfinite(first_echoes(corner, place, microphones=place[None])[0])
     assert heard.tolist() == [True, False, False, True, True, True]
 
 

@@ -94,7 +94,7 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
     elif "--help" in rest or "-h" in rest:
         print(explain(command))
     elif command == "verify":
-        verify(rest, trace=trace)
+        verify_folders(rest, trace=trace)
     else:
         from echolearn.runtime.processes import single_threads
 
@@ -135,7 +135,7 @@ def explain(command: str) -> str:
     return f"{text}\n\nkeys:\n\n{keys}"
 
 
-def verify(folders: Sequence[str], *, trace: bool) -> None:
+def verify_folders(folders: Sequence[str], *, trace: bool) -> None:
     """Verify every folder, and say what is wrong with which.
 
     Raises:
@@ -170,7 +170,7 @@ def run(command: str, words: Sequence[str], *, trace: bool) -> None:
     from echolearn.cli.sweeps import run_all, say
 
     options, launcher, sweeps = parse(words)
-    jobs = composed(command, sweeps, options)
+    jobs = composed(command, sweeps, options=options)
     if options.cfg:
         import yaml
 
@@ -184,7 +184,7 @@ def run(command: str, words: Sequence[str], *, trace: bool) -> None:
         say(COMMANDS[command](jobs[0][1]))
 
 
-def composed(command: str, sweeps: Sequence[Sequence[str]], options: Namespace) -> list[Job]:
+def composed(command: str, sweeps: Sequence[Sequence[str]], *, options: Namespace) -> list[Job]:
     """Return the jobs of all sweeps.
 
     Args:
@@ -198,7 +198,7 @@ def composed(command: str, sweeps: Sequence[Sequence[str]], options: Namespace) 
     """
     from echolearn.cli.compose import compose
     from echolearn.cli.config import UsageError
-    from echolearn.cli.names import distinct
+    from echolearn.cli.names import named_apart
 
     jobs: list[Job] = []
     for sweep in sweeps:
@@ -207,7 +207,7 @@ def composed(command: str, sweeps: Sequence[Sequence[str]], options: Namespace) 
         if not config["runs"].strip():
             hint = "the current one is runs=."
             raise UsageError(f"runs={config['runs']}: must be the name of a folder; {hint}")
-    return jobs if options.cfg else distinct(command, jobs)
+    return jobs if options.cfg else named_apart(command, jobs)
 
 
 def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:

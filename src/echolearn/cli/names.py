@@ -36,7 +36,7 @@ def usual_name(command: str, config: Mapping[str, Any]) -> str:
     return "-".join(Path(config[key]).resolve().name for key in sources if config.get(key))
 
 
-def distinct(command: str, jobs: Sequence[Job]) -> list[Job]:
+def named_apart(command: str, jobs: Sequence[Job]) -> list[Job]:
     """Return jobs whose folders are all different, named after what differs where that is needed.
 
     Args:

@@ -22,7 +22,7 @@ FEW_DB = 0.0
 """dB of SNR below which single recordings hardly tell echoes."""
 
 
-def causes(mapped: MappedWalk, health: Health, window: SearchWindow) -> list[str]:
+def causes(mapped: MappedWalk, health: Health, *, window: SearchWindow) -> list[str]:
     """Return why no point of a map is drawn, a line each, the most likely first.
 
     Args:

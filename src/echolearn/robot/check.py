@@ -14,9 +14,9 @@ import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.checks import BadValue, check, check_name
-from echolearn.robot.check_facts import HEADINGS, UNSEEN, Facts, gather
-from echolearn.robot.check_page import page
-from echolearn.robot.choices import with_gains
+from echolearn.robot.check_facts import HEADINGS, UNSEEN, Facts, facts_of
+from echolearn.robot.check_page import page_of
+from echolearn.robot.choices import open_survey, with_gains
 from echolearn.robot.waterfall import waterfall
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
@@ -69,10 +69,11 @@ def check_survey(
         window, unfit = _fit(walk, Path(bundle), resample=resample, direct=direct)
 
     health = examine(walk)
-    facts = gather(walk, health, unfit)
-    content = page(walk, health, facts, fall=waterfall(walk, health, window))
+    facts = facts_of(walk, health, refused=unfit)
+    fall = waterfall(walk, health, window=window)
+    content = page_of(walk, health, facts=facts, fall=fall)
     about = {"kind": "check", "verdict": facts.verdict} | manifests.command_entry(command)
-    _write(folder, content, about)
+    _write(folder, content, about=about)
 
     print("\n".join(screen(facts)))
     reasons = [*health.refused, *unfit]
@@ -93,9 +94,8 @@ def _fit(
         bundle: folder of the bundle.
         resample, direct: as for `map_survey`.
     """
-    # Without a bundle there is no need for onnxruntime, which they need.
+    # Only who names a bundle needs what reads its model.
     from echolearn.robot.bundle import read_bundle
-    from echolearn.robot.survey_map import open_survey
 
     found = read_bundle(bundle)
     left_out = [] if walk.gains is None else (np.flatnonzero(walk.gains == 0) + 1).tolist()
@@ -107,7 +107,7 @@ def _fit(
     return found.localizer.window, []
 
 
-def _write(folder: Path, content: bytes, about: Mapping[str, Any]) -> None:
+def _write(folder: Path, content: bytes, *, about: Mapping[str, Any]) -> None:
     """Write the page, in place of the one before, and then its manifest."""
     with locked(folder):
         clean(folder)

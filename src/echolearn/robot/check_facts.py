@@ -58,7 +58,7 @@ class Facts:
     channels: Sequence[tuple[str, Sequence[str]]]
 
 
-def gather(survey: Survey, health: Health, refused: Sequence[str] = ()) -> Facts:
+def facts_of(survey: Survey, health: Health, *, refused: Sequence[str] = ()) -> Facts:
     """Return what there is to say of a survey.
 
     Args:
@@ -93,14 +93,14 @@ def _figures(survey: Survey, health: Health) -> list[tuple[str, str, str]]:
     spread = extent(health.latency_samples)
     clipped = 100 * float(health.clipping.max())
     return [
-        ("latency", number(late, "{:z.1f} samples"), number(late / rate * 1e3, "{:z.2f} ms")),
-        ("spread of latency", number(spread, "{:z.1f} samples"), "over poses and microphones"),
-        ("SNR", number(middle(health.snr_db), "{:.0f} dB"), _lowest(health)),
-        ("noise floor", number(middle(health.noise_db), "{:.0f} dB"), "full scale is 0 dB"),
+        ("latency", readable(late, "{:z.1f} samples"), readable(late / rate * 1e3, "{:z.2f} ms")),
+        ("spread of latency", readable(spread, "{:z.1f} samples"), "over poses and microphones"),
+        ("SNR", readable(middle(health.snr_db), "{:.0f} dB"), _lowest(health)),
+        ("noise floor", readable(middle(health.noise_db), "{:.0f} dB"), "full scale is 0 dB"),
         ("hum", *_hum(health)),
-        ("clock drift", number(health.clock_drift_ppm, "{:+.0f} ppm"), "recorder against player"),
-        ("clipped", number(clipped, "{:.1f} %"), "of a burst at the rails, at worst"),
-        ("negative echoes", number(100 * health.negative_echoes, "{:.0f} %"), "of the strongest"),
+        ("clock drift", readable(health.clock_drift_ppm, "{:+.0f} ppm"), "recorder against player"),
+        ("clipped", readable(clipped, "{:.1f} %"), "of a burst at the rails, at worst"),
+        ("negative echoes", readable(100 * health.negative_echoes, "{:.0f} %"), "of the strongest"),
     ]
 
 
@@ -116,7 +116,9 @@ def _hum(health: Health) -> tuple[str, str]:
     """Return the level of the mains, and their frequency."""
     if not health.hum_hz:
         return "none", "mains of 50 or 60 Hz"
-    return number(float(health.hum_db.max()), "{:+.0f} dB"), f"{health.hum_hz:g} Hz, over the rest"
+    return readable(
+        float(health.hum_db.max()), "{:+.0f} dB"
+    ), f"{health.hum_hz:g} Hz, over the rest"
 
 
 def _channels(survey: Survey, health: Health) -> list[tuple[str, list[str]]]:
@@ -128,14 +130,14 @@ def _channels(survey: Survey, health: Health) -> list[tuple[str, list[str]]]:
     direct = 20 * np.log10(np.maximum(np.abs(gain) * away, 1e-15))
     direct -= middle(direct)
     columns = [
-        number_all(late, "{:+z.1f}"),
-        number_all(late / survey.probe.sample_rate * 1e3, "{:+z.2f}"),
+        all_readable(late, "{:+z.1f}"),
+        all_readable(late / survey.probe.sample_rate * 1e3, "{:+z.2f}"),
         [("-" if value < 0 else "+") if math.isfinite(value) else UNKNOWN for value in gain],
-        number_all(direct, "{:+z.1f}"),
-        number_all(over_poses(health.level_db, middle), "{:.0f}"),
-        number_all(100 * over_poses(health.offset, middle), "{:+z.2f}"),
-        ["none" if level == -math.inf else number(level, "{:+.0f}") for level in health.hum_db],
-        number_all(100 * health.clipping.max(axis=0), "{:.1f}"),
+        all_readable(direct, "{:+z.1f}"),
+        all_readable(over_poses(health.level_db, middle), "{:.0f}"),
+        all_readable(100 * over_poses(health.offset, middle), "{:+z.2f}"),
+        ["none" if level == -math.inf else readable(level, "{:+.0f}") for level in health.hum_db],
+        all_readable(100 * health.clipping.max(axis=0), "{:.1f}"),
     ]
     found = [_verdict(health, microphone) for microphone in range(len(survey.array))]
     rows = zip(found, *columns, strict=True)
@@ -163,14 +165,14 @@ UNKNOWN = "?"
 """What is shown where something cannot be measured."""
 
 
-def number(value: float, form: str) -> str:
+def readable(value: float, form: str) -> str:
     """Return a number as `form` has it, or that it is not known."""
     return form.format(value) if math.isfinite(value) else UNKNOWN
 
 
-def number_all(values: Array, form: str) -> list[str]:
+def all_readable(values: Array, form: str) -> list[str]:
     """Return numbers (K,) as `form` has them."""
-    return [number(value, form) for value in values.tolist()]
+    return [readable(value, form) for value in values.tolist()]
 
 
 def middle(values: Array) -> float:

@@ -29,7 +29,7 @@ MOST_POINTS = 480
 Ticks = Iterable[tuple[float, str]]
 
 
-def page(survey: Survey, health: Health, facts: Facts, *, fall: Waterfall) -> bytes:
+def page_of(survey: Survey, health: Health, *, facts: Facts, fall: Waterfall) -> bytes:
     """Return the page.
 
     Args:
@@ -59,10 +59,10 @@ def page(survey: Survey, health: Health, facts: Facts, *, fall: Waterfall) -> by
         "waterfall": about,
         "colours": ",".join("rgb({},{},{})".format(*colour) for colour in palette()[::9].tolist()),
         "keys": _keys(fall),
-        "array": _waterfall(survey, fall, 0),
+        "array": _waterfall(survey, fall, number=0),
         "channels": _channels(facts),
         "microphones": "".join(
-            f"<div><h3>Microphone {number}</h3>{_waterfall(survey, fall, number)}</div>"
+            f"<div><h3>Microphone {number}</h3>{_waterfall(survey, fall, number=number)}</div>"
             for number in range(1, len(fall.images))
         ),
         "curves": _curves(survey, health),
@@ -114,7 +114,7 @@ def _keys(fall: Waterfall) -> str:
     return f'{boxes}<span class="bar">{LOWEST:g} dB<i></i>{HIGHEST:g} dB over the median</span>'
 
 
-def _waterfall(survey: Survey, fall: Waterfall, number: int) -> str:
+def _waterfall(survey: Survey, fall: Waterfall, *, number: int) -> str:
     """Return the waterfall of a microphone, counted from 1; 0 is the array's."""
     # What the microphones hear together is timed at the first one.
     microphone = max(number - 1, 0)
@@ -123,7 +123,7 @@ def _waterfall(survey: Survey, fall: Waterfall, number: int) -> str:
     if np.isfinite(fall.direct[microphone]):
         lines.append(_upright("direct", fall.direct[microphone], poses))
     if fall.echoes is not None:
-        lines += [_path("echo", wall, range(poses)) for wall in fall.echoes[:, microphone].T]
+        lines.append(_marks("echo", fall.echoes[:, microphone]))
 
     rate = survey.probe.sample_rate
     metres = survey.speed_of_sound / rate / 2
@@ -144,15 +144,15 @@ def _curves(survey: Survey, health: Health) -> str:
     """Return the quantities of each pose as curves."""
     late = health.latency_samples
     drawn = [
-        _curve("SNR, dB", health.snr_db[:, None], survey.numbers),
-        _curve("Noise floor, dB", health.noise_db[:, None], survey.numbers),
-        _curve("Level of each microphone, dB", health.level_db, survey.numbers),
-        _curve("Latency of each microphone, samples", late, survey.numbers),
+        _curve("SNR, dB", health.snr_db[:, None], numbers=survey.numbers),
+        _curve("Noise floor, dB", health.noise_db[:, None], numbers=survey.numbers),
+        _curve("Level of each microphone, dB", health.level_db, numbers=survey.numbers),
+        _curve("Latency of each microphone, samples", late, numbers=survey.numbers),
     ]
     return "".join(drawn)
 
 
-def _curve(title: str, values: Array, numbers: Sequence[int]) -> str:
+def _curve(title: str, values: Array, *, numbers: Sequence[int]) -> str:
     """Return values (P, K) of the poses as K curves; a line where nothing is measurable."""
     known = values[np.isfinite(values)]
     if not len(known):
@@ -215,6 +215,15 @@ def _path(kind: str, across: Sequence[float] | Array, down: Sequence[float] | Ar
             drawn.append(f"{pen}{x:.1f} {y:.2f}")
         pen = "L" if x == x and y == y else "M"
     return f'<path class="{kind}" d="{"".join(drawn)}"/>'
+
+
+def _marks(kind: str, lags: Array) -> str:
+    """Return a short mark for each lag (P, C) that is known, as high as its pose."""
+    every = max(1, len(lags) // MOST_POINTS)
+    poses, walls = np.nonzero(np.isfinite(lags[::every]))
+    found = zip(poses * every, lags[poses * every, walls], strict=True)
+    drawn = "".join(f"M{lag:.1f} {pose}v{every}" for pose, lag in found)
+    return f'<path class="{kind}" d="{drawn}"/>'
 
 
 def _ticks(kind: str, lags: int, most: int, *, unit: str, scale: float) -> list[str]:

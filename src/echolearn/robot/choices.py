@@ -1,31 +1,25 @@
-"""What the user of a map knows better: gains, microphones to leave out, the sign of echoes.
+"""A survey as a map shall take it: its rate, its direct path, its gains, microphones left out.
 
 A microphone that is left out is silent to what follows. Localizers that need no particular one
 (`joint`, `em`, `mclam`) map with the others; those that take times from microphone 1 need that one
 alone (`gated`, `snls`, `peaks`). A bundle of tensors needs all.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from echolearn.checks import check, check_list, check_number, check_whole
-from echolearn.survey.reader import Survey
+from echolearn.checks import BadValue, check, check_list, check_number, check_whole
+from echolearn.robot.compatibility import mount_angle
+from echolearn.survey.direct_path import REMOVALS
+from echolearn.survey.proof import read_proved
+from echolearn.survey.reader import CALIBRATION, Survey
 
 if TYPE_CHECKING:
     from echolearn.robot.bundle import Bundle
-    from echolearn.robot.scorer import Scorer
-
-
-def seeking(scorer: "Scorer", localizer: Mapping[str, Any] | None) -> "Scorer":
-    """Return a scorer whose localizer seeks echoes of the `sign` that is asked for, if one is."""
-    sign = (localizer or {}).get("sign")
-    if sign is None:
-        return scorer
-    other: Any = replace(scorer.bundle.localizer, sign=sign)  # type: ignore[type-var]
-    return replace(scorer, bundle=replace(scorer.bundle, localizer=other))
 
 
 def with_gains(
@@ -67,3 +61,45 @@ def with_gains(
         left = int(np.count_nonzero(factors))
         check(left >= 2, "without", list(without), allowed="must leave two microphones")
     return replace(walk, gains=factors)
+
+
+def open_survey(folder: Path, bundle: "Bundle", *, resample: bool, direct: str | None) -> Survey:
+    """Return a survey that was recorded as a bundle wants it.
+
+    Args:
+        folder: of the survey.
+        bundle: what its microphones, sample rate and probe must be.
+        resample: bring another sample rate to the bundle's.
+        direct: how to remove a direct path; None leaves that to the survey.
+
+    Raises:
+        BadValue: it cannot be read, or does not fit.
+    """
+    check(isinstance(resample, bool), "resample", resample, allowed="must be true or false")
+    walk, _ = read_proved(folder)
+    if direct is not None:
+        _check_removal(walk, direct)
+        walk = replace(walk, direct=direct)
+
+    rate = bundle.probe.sample_rate
+    given = walk.probe.sample_rate
+    hint = f"the rate is too low: the bundle listens up to {rate / 2:g} Hz"
+    place = f"{folder}/survey.yaml sample_rate"
+    check(given >= rate, place, f"{given:g} Hz", allowed=f"must be at least {rate:g} Hz", hint=hint)
+    # Above half the lower rate nothing was recorded, which no filter brings back.
+    walk = replace(walk, rate=rate if resample else None)
+    try:
+        mount_angle(bundle, array=walk.array, probe=walk.emitted)
+    except BadValue as error:
+        raise BadValue(f"{folder}: {error}") from None
+    return walk
+
+
+def _check_removal(walk: Survey, direct: str) -> None:
+    """Raise `BadValue` unless the direct path of a survey can be removed in this way."""
+    check(direct in REMOVALS, "direct", direct, allowed=f"must be one of {', '.join(REMOVALS)}")
+    hint = f"{walk.folder} has direct_path: removed"
+    check(walk.direct is not None, "direct", direct, allowed="must be null", hint=hint)
+    recorded = direct != "calibration" or (walk.folder / CALIBRATION).exists()
+    hint = f"{walk.folder} has no {CALIBRATION}"
+    check(recorded, "direct", direct, allowed="must be fitted or analytic", hint=hint)

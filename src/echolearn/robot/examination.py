@@ -31,7 +31,7 @@ MEMORY = 768 << 20
 """Bytes of addresses that reading and computing may take; the model itself has at most 64 MiB."""
 
 
-def examine(folder: Path) -> str:
+def examined(folder: Path) -> str:
     """Let a child try a bundle that was neither made nor examined here; return its digest.
 
     Raises:
@@ -96,19 +96,19 @@ def limit() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
-def main() -> None:
+def answer() -> None:
     """Load the bundle of the first argument under limits, and print what came of it."""
     folder = Path(sys.argv[1])
-    answer = {"digest": "", "refusal": ""}
+    found = {"digest": "", "refusal": ""}
     limit()
     try:
-        answer["digest"] = str(replay(folder)[0].about["sha256"])
+        found["digest"] = str(replay(folder)[0].about["sha256"])
     except BadValue as error:
-        answer["refusal"] = str(error)
+        found["refusal"] = str(error)
     except MemoryError:
-        answer["refusal"] = f"{folder}: needs more than {MEMORY >> 20} MiB of memory"
-    print(json.dumps(answer))
+        found["refusal"] = f"{folder}: needs more than {MEMORY >> 20} MiB of memory"
+    print(json.dumps(found))
 
 
 if __name__ == "__main__":
-    main()
+    answer()

@@ -30,7 +30,7 @@ from echolearn.localization.localize import localize
 from echolearn.mapping.echo_map import echo_map
 from echolearn.robot.bundle import Bundle
 from echolearn.robot.compatibility import mount_angle
-from echolearn.robot.examination import examine
+from echolearn.robot.examination import examined
 from echolearn.robot.model import replay
 from echolearn.storage import manifests
 from echolearn.storage.advice import repair_hint
@@ -157,9 +157,9 @@ def load(path: str | Path) -> Scorer:
             it was made.
     """
     folder = Path(path)
-    examined = examine(folder)
+    digest = examined(folder)
     bundle, compute = replay(folder)
-    same = bundle.about["sha256"] == examined
+    same = bundle.about["sha256"] == digest
     allowed = "must stay as it is while it is loaded"
     check(same, "bundle", folder, allowed=allowed, hint="load it again")
     return Scorer(bundle, compute)

@@ -18,11 +18,10 @@ import numpy as np
 from echolearn.checks import BadValue, check, check_name, check_number
 from echolearn.mapping.accuracy import accuracy_of
 from echolearn.mapping.files import grid, ply, svg, table
-from echolearn.mapping.mapped_walk import MappedWalk
+from echolearn.mapping.mapped_walk import Files, MappedWalk
 from echolearn.robot.advice import causes
 from echolearn.robot.bundle import Bundle
-from echolearn.robot.choices import seeking, with_gains
-from echolearn.robot.compatibility import mount_angle
+from echolearn.robot.choices import open_survey, with_gains
 from echolearn.robot.map_folder import describe_map, finished_map, report, told, write_map
 from echolearn.robot.scorer import Scorer, load
 from echolearn.runtime.progress import track
@@ -30,10 +29,9 @@ from echolearn.storage import manifests
 from echolearn.storage.files import sha256
 from echolearn.storage.once import once
 from echolearn.survey.audio import LARGEST, check_size
-from echolearn.survey.direct_path import REMOVALS
 from echolearn.survey.health import examine, mended
-from echolearn.survey.proof import read_proved, used
-from echolearn.survey.reader import CALIBRATION, Survey, blocks
+from echolearn.survey.proof import used
+from echolearn.survey.reader import Survey, blocks
 
 Fields = TypeVar("Fields")
 
@@ -84,28 +82,50 @@ def map_survey(
     factors = None if walk.gains is None else walk.gains.tolist()
     asked = {"direct": direct, "ros": ros or None, "resolution": float(resolution)}
     asked |= {"gains": factors, "sign": (localizer or {}).get("sign")}
-    inputs = _identity(scorer.bundle, walk, asked)
+    identity = partial(_identity, scorer.bundle, walk, asked=asked)
+    inputs = identity()
     folder = Path(runs) / "maps" / name
 
     def make() -> dict[str, Any]:
         """Write the map, and return its manifest."""
-        health = examine(walk)
-        sound = mended(walk, health)
-        mapped = score_survey(scorer, sound, resolution=float(resolution))
-        unchanged = _identity(scorer.bundle, walk, asked) == inputs
+        files, about = _mapped(scorer, walk, writers=writers, resolution=float(resolution))
         hint = "is it still being recorded? map it again when it is complete"
-        check(unchanged, "survey", survey, allowed="must not change while it is mapped", hint=hint)
-        files = {key: value for writer in writers for key, value in writer.write(mapped).items()}
-        why = []
-        if not mapped.shown.any():
-            why = causes(mapped, health, scorer.bundle.localizer.window)
-        about = describe_map(mapped, why) | told(health) | {"inputs": inputs}
-        about |= manifests.command_entry(command)
+        allowed = "must not change while it is mapped"
+        check(identity() == inputs, "survey", survey, allowed=allowed, hint=hint)
+        about |= {"inputs": inputs} | manifests.command_entry(command)
         return write_map(folder, files, about=about)
 
     finished = partial(finished_map, folder, inputs)
     report(once(folder, finished=finished, make=make, doing="writes it"))
     return folder
+
+
+def _mapped(
+    scorer: Scorer, walk: Survey, *, writers: Sequence[Any], resolution: float
+) -> tuple[Files, dict[str, Any]]:
+    """Return the files of a map by name, and what its manifest says of it.
+
+    Args:
+        scorer: a bundle at work.
+        walk: recorded as the bundle wants it.
+        writers: modules that write the files.
+        resolution: side of a cell of the occupancy grid, in m.
+    """
+    health = examine(walk)
+    mapped = score_survey(scorer, mended(walk, health), resolution=resolution)
+    files = {key: value for writer in writers for key, value in writer.write(mapped).items()}
+    window = scorer.bundle.localizer.window
+    why = [] if mapped.shown.any() else causes(mapped, health, window=window)
+    return files, describe_map(mapped, why) | told(health)
+
+
+def seeking(scorer: Scorer, localizer: Mapping[str, Any] | None) -> Scorer:
+    """Return a scorer whose localizer seeks echoes of the `sign` that is asked for, if one is."""
+    sign = (localizer or {}).get("sign")
+    if sign is None:
+        return scorer
+    other: Any = replace(scorer.bundle.localizer, sign=sign)  # type: ignore[type-var]
+    return replace(scorer, bundle=replace(scorer.bundle, localizer=other))
 
 
 def _writers(ros: bool) -> list[Any]:
@@ -119,49 +139,7 @@ def _writers(ros: bool) -> list[Any]:
         raise BadValue("ros=true: needs rosbags; pip install 'echolearn[ros]'") from None
 
 
-def open_survey(folder: Path, bundle: Bundle, *, resample: bool, direct: str | None) -> Survey:
-    """Return a survey that was recorded as a bundle wants it.
-
-    Args:
-        folder: of the survey.
-        bundle: what its microphones, sample rate and probe must be.
-        resample: bring another sample rate to the bundle's.
-        direct: how to remove a direct path; None leaves that to the survey.
-
-    Raises:
-        BadValue: it cannot be read, or does not fit.
-    """
-    check(isinstance(resample, bool), "resample", resample, allowed="must be true or false")
-    walk, _ = read_proved(folder)
-    if direct is not None:
-        _check_removal(walk, direct)
-        walk = replace(walk, direct=direct)
-
-    rate = bundle.probe.sample_rate
-    given = walk.probe.sample_rate
-    hint = f"the rate is too low: the bundle listens up to {rate / 2:g} Hz"
-    place = f"{folder}/survey.yaml sample_rate"
-    check(given >= rate, place, f"{given:g} Hz", allowed=f"must be at least {rate:g} Hz", hint=hint)
-    # Above half the lower rate nothing was recorded, which no filter brings back.
-    walk = replace(walk, rate=rate if resample else None)
-    try:
-        mount_angle(bundle, array=walk.array, probe=walk.emitted)
-    except BadValue as error:
-        raise BadValue(f"{folder}: {error}") from None
-    return walk
-
-
-def _check_removal(walk: Survey, direct: str) -> None:
-    """Raise `BadValue` unless the direct path of a survey can be removed in this way."""
-    check(direct in REMOVALS, "direct", direct, allowed=f"must be one of {', '.join(REMOVALS)}")
-    hint = f"{walk.folder} has direct_path: removed"
-    check(walk.direct is not None, "direct", direct, allowed="must be null", hint=hint)
-    recorded = direct != "calibration" or (walk.folder / CALIBRATION).exists()
-    hint = f"{walk.folder} has no {CALIBRATION}"
-    check(recorded, "direct", direct, allowed="must be fitted or analytic", hint=hint)
-
-
-def _identity(bundle: Bundle, walk: Survey, asked: Mapping[str, Any]) -> dict[str, Any]:
+def _identity(bundle: Bundle, walk: Survey, *, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a map is made from: the bundle, all files of the survey, and what was asked for.
 
     Args:

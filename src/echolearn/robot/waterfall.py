@@ -74,7 +74,7 @@ class Canvas:
         np.maximum.at(self.levels, block * self.rows // self.poses, columns)
 
 
-def levels(outputs: Array) -> Array:
+def colours_of(outputs: Array) -> Array:
     """Return the colours of outputs (..., L) by their magnitude over its median, uint8."""
     magnitude = np.abs(outputs)
     # Half of the lags hear no echo, so the median is that of what is no echo.
@@ -100,11 +100,11 @@ def outputs(observation: Observation, *, lags: int, near: bool) -> Array:
         away = np.linalg.norm(observation.array.positions, axis=1) * scale
         together = advance(padded, (away - away[0])[None]).sum(axis=-2)
     else:
-        together = _all_around(padded, observation.array, scale)
+        together = _all_around(padded, observation.array, scale=scale)
     return np.concatenate([together[..., PAD:-PAD], heard[..., :lags]], axis=-2)
 
 
-def _all_around(padded: Array, array: MicArray, scale: float) -> Array:
+def _all_around(padded: Array, array: MicArray, *, scale: float) -> Array:
     """Return the largest |J| over directions, shape (B, 1, L), of correlations (B, M, L)."""
     azimuth, elevation = direction_grid(AZIMUTHS)
     # The axis besides, for floor and ceiling.
@@ -113,7 +113,7 @@ def _all_around(padded: Array, array: MicArray, scale: float) -> Array:
     return np.abs(steered).max(axis=-2, keepdims=True)
 
 
-def waterfall(survey: Survey, health: Health, window: SearchWindow) -> Waterfall:
+def waterfall(survey: Survey, health: Health, *, window: SearchWindow) -> Waterfall:
     """Return what the matched filter hears along a walk, the direct path among it.
 
     Args:
@@ -140,7 +140,7 @@ def waterfall(survey: Survey, health: Health, window: SearchWindow) -> Waterfall
         recorded = np.stack([sound.mended(pose) for pose in block])
         before = outputs(replace(heard, samples=recorded), lags=lags, near=True)[..., :first]
         within = outputs(heard, lags=lags, near=False)[..., first:]
-        drawn = np.concatenate([levels(before), levels(within)], axis=-1)
+        drawn = np.concatenate([colours_of(before), colours_of(within)], axis=-1)
         for canvas, each in zip(canvases, np.moveaxis(drawn, 1, 0), strict=True):
             canvas.add(np.array(block), each)
     return Waterfall(
@@ -157,15 +157,15 @@ def true_lags(survey: Survey, lags: int) -> Array | None:
     if survey.walls is None:
         return None
     scale = survey.probe.sample_rate / survey.speed_of_sound
-    ways = [
-        first_echoes(survey.walls, pose.position, microphone_positions(survey.array, pose))
-        for pose in survey.poses
-    ]
+    ways = []
+    for pose in survey.poses:
+        microphones = microphone_positions(survey.array, pose)
+        ways.append(first_echoes(survey.walls, pose.position, microphones=microphones))
     found = scale * np.array(ways)
     return np.where(found < lags, found, math.nan)
 
 
-def first_echoes(corners: Array, source: Array, microphones: Array) -> Array:
+def first_echoes(corners: Array, source: Array, *, microphones: Array) -> Array:
     """Return the ways of first echoes, shape (M, C), in m; NaN where a wall sends none back.
 
     The sound's way is that from the mirror source; it must meet the wall between its corners.
