@@ -289,6 +289,59 @@ def test_where_nothing_is_kept_there_is_advice(
     assert causes == [f"  {n}. {c}" for n, c in enumerate(about(made())["causes"], start=1)]
 
 
+# ---------------------------------------------------------------- what the user knows better
+
+
+def changed(walk: Path, change: Callable[[Array], Array]) -> None:
+    """Let every recording of a walk be changed, samples (M, N)."""
+    for name in reader.read_survey(walk).files:
+        samples = change(audio.read_wav(walk / name, 22050.0))
+        wavfile.write(walk / name, 22050, samples.T.astype(np.float32))
+
+
+def test_a_dead_microphone_is_left_out(made: Make, walk: Path, tmp_path: Path) -> None:
+    """The map with the others is as true; with none left out the walk is refused, by the number."""
+    whole = points(made(runs=tmp_path / "whole"))
+    changed(walk, lambda x: x * (np.arange(6) != 2)[:, None])
+    with pytest.raises(BadValue, match=r"dead channels=microphone 3 .* without=\[3\] maps with"):
+        made()
+    folder = made(without=[3])
+    assert about(folder)["inputs"]["gains"] == [1, 1, 0, 1, 1, 1]
+    few, many = (each[(each[:, 3] == 1) & (each[:, 4] == 0)] for each in (points(folder), whole))
+    assert len(few) > len(many) / 2 and on_walls(few, outline(HALL)).mean() > 0.8
+    for wrong in ([7], [0], [1, 2, 3, 4, 5], 3):
+        with pytest.raises(BadValue, match="^without="):
+            made(without=wrong)
+
+
+def test_gains_mend_a_soft_microphone(made: Make, walk: Path, tmp_path: Path) -> None:
+    whole = points(made(runs=tmp_path / "whole"))
+    changed(walk, lambda x: x / np.array([1, 1, 64, 1, 1, 1])[:, None])
+    soft = made(runs=tmp_path / "soft")
+    assert "gains=[1,1,6" in "".join(about(soft)["health"]["noticed"])
+    mended = made(gains=[1, 1, 64, 1, 1, 1])
+    assert np.array_equal(points(mended), whole) and not np.array_equal(points(soft), whole)
+    assert "health" not in about(mended)
+    for wrong in ([1, 1], [1, 1, 0, 1, 1, 1]):
+        with pytest.raises(BadValue, match="^gains="):
+            made(gains=wrong)
+
+
+def test_echoes_of_either_sign_are_sought(made: Make, walk: Path, tmp_path: Path) -> None:
+    """A loudspeaker wired the other way gives the same map then; unless asked, it gives another."""
+    either = {"sign": "either"}
+    upright = points(made(runs=tmp_path / "upright", localizer=either))
+    changed(walk, lambda x: -x)
+    turned = made(runs=tmp_path / "turned")
+    assert "localizer.sign=either" in "".join(about(turned)["health"]["noticed"])
+    sought = made(localizer=either)
+    assert about(sought)["inputs"]["sign"] == "either"
+    assert np.allclose(points(sought)[:, :2], upright[:, :2])
+    assert not np.allclose(points(turned)[:, :2], upright[:, :2])
+    with pytest.raises(BadValue, match="sign=both"):
+        made(localizer={"sign": "both"})
+
+
 def at_rate(walk: Path, rate: int) -> None:
     """Let all files of a walk say that they have another sample rate."""
     for name in ("probe.wav", *reader.read_survey(walk).files):
@@ -405,6 +458,13 @@ def test_a_robot_without_hydra_maps_by_the_same_command(
     assert done.returncode == 0, done.stderr
     alone, whole = content(tmp_path / "alone" / "maps" / "walk-small"), content(made())
     assert {name: alone[name] for name in FILES[1:]} == {name: whole[name] for name in FILES[1:]}
+    options = ["without=[3]", "gains=[1,1,1,1,1,2]", "localizer.sign=either"]
+    done = run("map", f"survey={walk}", f"bundle={packed}", "runs=options", *options)
+    assert done.returncode == 0, done.stderr
+    inputs = about(tmp_path / "options" / "maps" / "walk-small")["inputs"]
+    assert (inputs["gains"], inputs["sign"]) == ([1, 1, 0, 1, 1, 2], "either")
+    assert "without=[3: must be a list" in run("map", "without=[3").stderr
+    assert "there is no key localizer.sigh" in run("map", "localizer.sigh=either").stderr
     assert "no key bundel; did you mean bundle?" in run("map", "bundel=x").stderr
     assert "pip install 'echolearn[lab]'" in run("train").stderr
     assert "pip install 'echolearn[ros]'" in run("map", "survey=x", "bundle=x", "ros=true").stderr

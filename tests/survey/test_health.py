@@ -20,7 +20,7 @@ from echolearn.simulation.scene import Scene
 from echolearn.simulation.walk import trajectory
 from echolearn.survey import audio
 from echolearn.survey.health import Health, examine, mended
-from echolearn.survey.mending import advance
+from echolearn.survey.mending import taken_off
 from echolearn.survey.poses import poses_csv
 from echolearn.survey.reader import Survey, read_survey
 
@@ -76,7 +76,7 @@ def late(*samples: int) -> Change:
 
     def change(walk: Array) -> Array:
         lags = np.resize(samples, len(walk))
-        return np.stack([advance(each, -lag) for each, lag in zip(walk, lags, strict=True)])
+        return np.stack([taken_off(each, -lag) for each, lag in zip(walk, lags, strict=True)])
 
     return change
 
@@ -133,7 +133,7 @@ def clipped(walk: Array) -> Array:
 
 
 def burst(lag: int) -> Array:
-    return advance(np.pad(PROBE.samples, (0, PROBE.length - len(PROBE.samples))), -lag)
+    return taken_off(np.pad(PROBE.samples, (0, PROBE.length - len(PROBE.samples))), -lag)
 
 
 def hiss(walk: Array) -> Array:
@@ -327,7 +327,7 @@ def test_a_microphone_that_is_left_out_is_not_judged(tmp_path: Path) -> None:
 
 def calibrated(survey: Survey, lag: int) -> Survey:
     """Return a survey with a calibration that is twice as late as its recordings."""
-    recorded = audio.wav_bytes(advance(SCENE.direct, -2 * lag), PROBE.sample_rate)
+    recorded = audio.wav_bytes(taken_off(SCENE.direct, -2 * lag), PROBE.sample_rate)
     (survey.folder / "calibration.wav").write_bytes(recorded)
     return read_survey(survey.folder)
 

@@ -5,14 +5,15 @@
     true or false          true or false
     a number               a number, whole where the default is whole
 
-So `name=2024_01_15`, `name=007` and `name=1e3` are names. With Hydra, keys whose default is null
-may also take numbers or lists; `TEXTS` are those that do not. Without Hydra, as on a robot, a
+So `name=2024_01_15`, `name=007` and `name=1e3` are names. Keys whose default is null may also take
+numbers or lists, `without=[3]`; `TEXTS` are those that do not. Without Hydra, as on a robot, a
 command whose configuration is one file is read by `plain_config`, and every value by this table.
 """
 
 import shlex
 from collections.abc import Sequence
 from contextlib import suppress
+from copy import deepcopy
 from typing import Any
 
 from echolearn.checks import suggest
@@ -35,14 +36,18 @@ def plain_config(command: str, words: Sequence[str]) -> Config:
     defaults: Config = yaml.safe_load((folder() / f"{command}.yaml").read_text())
     if "defaults" in defaults:
         raise UsageError(f"{command}: needs more than a robot has; pip install 'echolearn[lab]'")
-    config = dict(defaults)
+    config = deepcopy(defaults)
     for word in words:
         key, equal, _ = word.partition("=")
         if not equal:
             raise UsageError(f"{word}: cannot be read; it is no key=value")
-        if key not in defaults:
+        *groups, last = key.split(".")
+        place: Any = config
+        for group in groups:
+            place = place.get(group) if isinstance(place, dict) else None
+        if not isinstance(place, dict) or isinstance(place.get(last, {}), dict):
             raise UsageError(f"{word}: there is no key {key}; {suggest(key, list(defaults))}")
-        config[key] = read_value(word, defaults[key])
+        place[last] = read_value(word, place[last])
     return {**config, "choice": {}, "command": shlex.join(["echolearn", command, *words])}
 
 
@@ -68,8 +73,21 @@ def read_value(word: str, default: Any) -> Any:
         with suppress(ValueError):
             return float(value)
         raise UsageError(f"{word}: must be a number")
+    if default is None and key not in TEXTS and value.startswith("["):
+        return _read_list(word, value)
     # Quotes around a text are not part of it, as with Hydra.
     return text_of(value)
+
+
+def _read_list(word: str, value: str) -> list[Any]:
+    """Return a list that was typed in brackets."""
+    import yaml
+
+    with suppress(yaml.YAMLError):
+        found = yaml.safe_load(value)
+        if isinstance(found, list):
+            return found
+    raise UsageError(f"{word}: must be a list, [1,2]")
 
 
 def quoted(word: str) -> str:

@@ -3,9 +3,7 @@
 One recording may deceive; what is said here is said of a microphone that does it again and again.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,8 +12,7 @@ from echolearn.acoustics.types import Array
 from echolearn.survey import levels as level_rules
 from echolearn.survey import naming
 from echolearn.survey.arrivals import SEEN
-from echolearn.survey.echoes import Echo
-from echolearn.survey.levels import Levels
+from echolearn.survey.measuring import Walk
 
 DEAD_DB = -40.0
 SOFT_DB = -12.0
@@ -39,10 +36,12 @@ class Verdicts:
 
     Attributes:
         words: of each microphone.
+        alive: those that are used and hear a room, shape (M,), bool.
         refused, noticed: lines.
     """
 
     words: list[str]
+    alive: Array
     refused: list[str] = field(default_factory=list)
     noticed: list[str] = field(default_factory=list)
 
@@ -57,43 +56,19 @@ class Verdicts:
             self.words[m] = word if self.words[m] == "fine" else f"{self.words[m]}, {word}"
 
 
-class Walk(NamedTuple):
-    """What was measured of all recordings.
-
-    Attributes:
-        numbers: `index` of each recording.
-        level_db: of each channel in the probe's band, shape (P, M).
-        levels: `levels.measure`, fields (P, ...).
-        echo: `echoes.measure`, fields (P, ...).
-        used: microphones that are used, shape (M,), bool.
-        distances: between microphones, shape (M, M), in m.
-        headings: of the robot, shape (P,), in rad.
-        direct: whether the recordings hold the direct path.
-    """
-
-    numbers: Sequence[int]
-    level_db: Array
-    levels: Levels
-    echo: Echo
-    used: Array
-    distances: Array
-    headings: Array
-    direct: bool
-
-
-def judge(walk: Walk) -> Verdicts:
+def judge_channels(walk: Walk) -> Verdicts:
     """Return what recordings say of the microphones."""
     words = ["fine" if used else "left out" for used in walk.used]
-    found = Verdicts(words)
+    found = Verdicts(words, walk.used)
     dead = _dead(walk, found)
-    alive = walk.used & ~dead.any(axis=0)
-    _clipped(walk, found, dead)
+    found.alive = walk.used & ~dead.any(axis=0)
+    _clipped(walk, found, dead=dead)
     _lost(walk, found)
-    if alive.sum() > 1:
-        _same(walk, found, alive)
-        _loopback(walk, found, alive)
+    if found.alive.sum() > 1:
+        _same(walk, found)
+        _loopback(walk, found)
         _swapped(walk, found)
-        _soft(walk, found, alive)
+        _soft(walk, found)
     return found
 
 
@@ -132,7 +107,7 @@ def _dead(walk: Walk, found: Verdicts) -> Array:
     return dead
 
 
-def _clipped(walk: Walk, found: Verdicts, dead: Array) -> None:
+def _clipped(walk: Walk, found: Verdicts, *, dead: Array) -> None:
     share = np.where(walk.used & ~dead, walk.levels.clipping, 0.0)
     clipped = share > level_rules.CLIPPED
     if clipped.any():
@@ -162,11 +137,11 @@ def _lost(walk: Walk, found: Verdicts) -> None:
         found.refused.append(line)
 
 
-def _same(walk: Walk, found: Verdicts, alive: Array) -> None:
+def _same(walk: Walk, found: Verdicts) -> None:
     """Refuse channels that are one, or leak into one another."""
     alike = np.median(walk.echo.alike, axis=0)
-    alike[~alive] = 0.0
-    alike[:, ~alive] = 0.0
+    alike[~found.alive] = 0.0
+    alike[:, ~found.alive] = 0.0
     one = np.abs(alike) > ONE
     if one.any():
         which = one.any(axis=0)
@@ -198,11 +173,14 @@ def _excess(walk: Walk, alike: Array) -> Array:
     """
     count = len(walk.numbers)
     doubt = 6 * walk.echo.alike.std(axis=0) / np.sqrt(count)
-    steady = abs(np.mean(np.exp(4j * walk.headings))) > TURNED
+    headings = np.array([pose.heading for pose in walk.survey.poses])
+    steady = abs(np.mean(np.exp(4j * headings))) > TURNED
+    places = walk.survey.array.positions
+    distances = np.linalg.norm(places[:, None] - places, axis=-1)
     used = alike != 0
     excess = np.zeros_like(alike)
     for i, j in np.argwhere(np.triu(used, 1)):
-        peers = used & np.isclose(walk.distances, walk.distances[i, j], rtol=0.02)
+        peers = used & np.isclose(distances, distances[i, j], rtol=0.02)
         alone = peers.sum() < 6  # each pair counts twice
         usual = float(np.median(alike[used if alone else peers]))
         least = 0.5 if steady else 0.3 if alone else LEAK
@@ -212,7 +190,7 @@ def _excess(walk: Walk, alike: Array) -> Array:
     return excess
 
 
-def _loopback(walk: Walk, found: Verdicts, alive: Array) -> None:
+def _loopback(walk: Walk, found: Verdicts) -> None:
     """Refuse channels that hold the emitted burst itself."""
     score = np.median(walk.echo.score, axis=0)
     lag = np.median(walk.echo.lag, axis=0)
@@ -221,15 +199,16 @@ def _loopback(walk: Walk, found: Verdicts, alive: Array) -> None:
     )
     # A microphone near the loudspeaker holds hardly more, but echoes besides.
     alone = (walk.echo.seen > SEEN).mean(axis=0) < 0.1
-    early = lag < np.median(lag[alive]) - 2.0
-    loop = alive & (score > ONE) & (alone if walk.direct else early & steady)
-    if loop.any() and not loop[alive].all():
+    early = lag < np.median(lag[found.alive]) - 2.0
+    loop = found.alive & (score > ONE) & (alone if walk.survey.direct else early & steady)
+    if loop.any() and not loop[found.alive].all():
         line = (
             f"loopback={naming.microphones(loop)} holds the burst as it was emitted, correlation "
             f"{score[loop].max():.3f}: must be a microphone; without="
             f"{(np.flatnonzero(loop) + 1).tolist()} maps with the others"
         )
         found.refuse(loop, "loopback", line)
+        found.alive = found.alive & ~loop
 
 
 def _swapped(walk: Walk, found: Verdicts) -> None:
@@ -255,11 +234,11 @@ def _swapped(walk: Walk, found: Verdicts) -> None:
         found.refuse(which, "changes places", line)
 
 
-def _soft(walk: Walk, found: Verdicts, alive: Array) -> None:
+def _soft(walk: Walk, found: Verdicts) -> None:
     """Tell of microphones that are softer than the others, and how to mend that."""
     level = np.median(walk.level_db, axis=0)
-    below = level - np.median(level[alive])
-    soft = alive & (below < SOFT_DB)
+    below = level - np.median(level[found.alive])
+    soft = found.alive & (below < SOFT_DB)
     if soft.any():
         gains = np.where(soft, np.round(10 ** (-below / 20), 1), 1.0)
         shown = ",".join(f"{gain:g}" for gain in gains)

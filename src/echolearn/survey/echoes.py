@@ -66,7 +66,7 @@ class Echo(NamedTuple):
     drift: float
 
 
-def measure(
+def measure_echoes(
     samples: Array,
     found: Arrivals,
     *,
@@ -201,7 +201,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def coherence(spectrum: Array) -> Array:
+def instant_correlation(spectrum: Array) -> Array:
     """Return rho between all microphones from spectra (M, F), 0 to itself, shape (M, M)."""
     # Real and imaginary parts side by side: only the real part of products is wanted.
     parts = np.ascontiguousarray(spectrum).view(float)
@@ -224,8 +224,8 @@ def instant(samples: Array, found: Arrivals) -> Array:
         samples: the recording, shape (M, N).
         found: its matched filter, the direct path subtracted.
     """
-    whole = coherence(found.spectrum)
-    tail = coherence(fft.rfft(samples[:, -samples.shape[-1] // 4 :]))
+    whole = instant_correlation(found.spectrum)
+    tail = instant_correlation(fft.rfft(samples[:, -samples.shape[-1] // 4 :]))
     return np.where(np.abs(tail) < np.abs(whole), tail, whole)
 
 

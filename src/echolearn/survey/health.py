@@ -4,36 +4,29 @@
 
 `map`, `check` and whoever uses the library look at the same value. What can be mended without
 doubt is mended by `Survey.observe` and told in a line; what cannot is refused in a line, with its
-number. Each recording is measured by itself (`levels`, `time_zero`, `echoes`), then all of them are
-judged together (`time_zero`, `channels`): what one recording seems to say need not be so.
+number. Each recording is measured by itself (`measuring`), then all of them are judged together
+(`time_zero`, `channels`): what one recording seems to say need not be so.
 """
 
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.storage.advice import assignment
-from echolearn.survey import channels, echoes, levels, naming, time_zero
+from echolearn.survey import levels, naming, time_zero
 from echolearn.survey.arrivals import arrivals
-from echolearn.survey.channels import Walk
+from echolearn.survey.channels import judge_channels
 from echolearn.survey.echoes import Echo
-from echolearn.survey.levels import Levels
+from echolearn.survey.measuring import Walk, decibels, measure_walk
 from echolearn.survey.mending import Mending
 from echolearn.survey.reader import Survey
 from echolearn.survey.time_zero import Direct, TimeZero
 
-Row = TypeVar("Row", Levels, Direct, Echo)
-
 SURE = 0.9
 """Share of recordings that must agree on a sign."""
-
-SEGMENTS = 8
-"""Stretches of a recording of which the quietest tells the noise."""
 
 FAINT = 0.05
 """Power over the noise's below which it is not measurable: stretches of noise differ by as much."""
@@ -91,83 +84,33 @@ class Health:
     mending: Mending | None = None
 
 
-class Measured(NamedTuple):
-    """What is measured of one recording, or of all of them.
-
-    Attributes:
-        levels, direct, echo: by `levels`, `time_zero` and `echoes`.
-        level: mean square in the probe's band, shape (M,).
-        noise: that of the quietest stretch, of all microphones together.
-    """
-
-    levels: Levels
-    direct: Direct
-    echo: Echo
-    level: Array
-    noise: float
-
-
 def examine(survey: Survey) -> Health:
     """Examine every recording of a survey once.
 
     Raises:
         BadValue: a recording that cannot be read.
     """
-    found = [_measure(survey, pose) for pose in range(len(survey.poses))]
-    direct = _stacked([each.direct for each in found])
-    level = np.array([each.level for each in found])
-    positions = survey.array.positions
-    walk = Walk(
-        numbers=survey.numbers,
-        level_db=_db(level),
-        levels=_stacked([each.levels for each in found]),
-        echo=_stacked([each.echo for each in found]),
-        used=survey.used,
-        distances=np.linalg.norm(positions[:, None] - positions, axis=-1),
-        headings=np.array([pose.heading for pose in survey.poses]),
-        direct=survey.direct is not None,
-    )
-    verdicts = channels.judge(walk)
-    deaf = ["dead" in word or "loopback" in word for word in verdicts.words]
-    alive = survey.used & ~np.array(deaf)
-    zero = TimeZero(time_zero.TRUST, np.zeros(len(found)))
-    if survey.direct:
-        zero = time_zero.judge(
-            direct,
-            numbers=survey.numbers,
-            used=alive,
-            sample_rate=survey.probe.sample_rate,
-            speed=survey.speed_of_sound,
-        )
+    walk = measure_walk(survey)
+    verdicts = judge_channels(walk)
+    zero = _zero(walk, verdicts.alive)
     verdicts.refused += zero.refused
-
-    # What a dead one seems to say is chance.
-    sign = np.where(alive, _signs(direct, walk.echo), 1.0)
-    mending = Mending(
-        latency=zero.late,
-        calibration=_calibration(survey),
-        sign=sign,
-        offset=walk.levels.shifted & alive,
-        tones=tuple(each.levels.tones for each in found),
-    )
-    noise = np.array([each.noise for each in found])
-    rest = np.maximum(level[:, survey.used].mean(axis=1) / np.maximum(noise, 1e-30) - 1.0, 0.0)
-    rest = np.where(rest < FAINT, np.nan, rest)
-    negative = _negative(walk.echo.sign * sign * alive)
+    mending = _mending(walk, zero, used=verdicts.alive)
+    negative = _negative(walk.echo.sign * mending.sign * verdicts.alive)
+    rest = walk.level[:, survey.used].mean(axis=1) / np.maximum(walk.noise, 1e-30) - 1.0
     return Health(
         numbers=survey.numbers,
         direct=survey.direct is not None,
-        latency_samples=direct.latency,
+        latency_samples=walk.direct.latency,
         time_zero=zero.line,
-        direct_gain=direct.height / np.sqrt(survey.probe.energy),
+        direct_gain=walk.direct.height / np.sqrt(survey.probe.energy),
         negative_echoes=negative,
         offset=walk.levels.offset,
         hum_hz=_fundamental(mending.tones, survey.probe.sample_rate),
-        hum_db=_db(np.median(walk.levels.hum, axis=0), floor=0.0),
+        hum_db=decibels(np.median(walk.levels.hum, axis=0), floor=0.0),
         level_db=walk.level_db,
         clipping=walk.levels.clipping,
-        noise_db=_db(noise),
-        snr_db=_db(rest),
+        noise_db=decibels(walk.noise),
+        snr_db=decibels(np.where(rest < FAINT, np.nan, rest)),
         clock_drift_ppm=_drift(walk.echo),
         verdicts=tuple(verdicts.words),
         mended=tuple(_told(mending, walk, zero)),
@@ -177,40 +120,34 @@ def examine(survey: Survey) -> Health:
     )
 
 
-def _measure(survey: Survey, pose: int) -> Measured:
-    """Measure one recording."""
-    probe = survey.probe
-    lags = time_zero.expected(survey.array, probe, survey.speed_of_sound)
-    about, samples = levels.measure(survey.recording(pose), probe)
-    found = arrivals(samples, probe)
-    direct = time_zero.measure(found, lags) if survey.direct else time_zero.unknown(len(lags))
-    echo = echoes.measure(
-        samples,
-        found,
-        direct=direct if survey.direct else None,
-        lags=lags,
-        array=survey.array,
-        scale=probe.sample_rate / survey.speed_of_sound,
+def _zero(walk: Walk, used: Array) -> TimeZero:
+    """Return when the recordings begin, by the microphones that are used, shape (M,), bool."""
+    if not walk.survey.direct:
+        return TimeZero(time_zero.TRUST, np.zeros(len(walk.noise)))
+    return time_zero.time_zero_of(
+        walk.direct,
+        numbers=walk.numbers,
+        used=used,
+        sample_rate=walk.survey.probe.sample_rate,
+        speed=walk.survey.speed_of_sound,
     )
-    square = found.outputs[:, found.zero :] ** 2
-    # The burst is cut off by the end of the recording, where less of the noise is heard too.
-    whole = max(survey.probe.length - len(probe.samples), survey.probe.length // 2)
-    stretches = [each.mean() for each in np.array_split(square[survey.used, :whole], SEGMENTS, -1)]
-    return Measured(about, direct, echo, square[:, :whole].mean(axis=-1), float(min(stretches)))
 
 
-def _stacked(rows: Sequence[Row]) -> Row:
-    """Return values of one class for each recording as one whose fields are arrays (P, ...)."""
-    kind = type(rows[0])
-    parts = zip(kind._fields, zip(*rows, strict=True), strict=True)
-    # Tones are as many as there are in each recording, so they stay a tuple.
-    made: Any = {name: part if name == "tones" else np.array(part) for name, part in parts}
-    return kind(**made)
+def _mending(walk: Walk, zero: TimeZero, *, used: Array) -> Mending:
+    """Return what is to be mended.
 
-
-def _db(power: Array | float, *, floor: float = 1e-30) -> Any:
-    with np.errstate(divide="ignore"):
-        return 10 * np.log10(np.maximum(power, floor))
+    Args:
+        walk: what was measured.
+        zero: when the recordings begin.
+        used: microphones that tell something, shape (M,), bool; what a dead one says is chance.
+    """
+    return Mending(
+        latency=zero.late,
+        calibration=_calibration(walk.survey),
+        sign=np.where(used, _signs(walk.direct, walk.echo), 1.0),
+        offset=walk.levels.shifted & used,
+        tones=walk.tones,
+    )
 
 
 def _signs(direct: Direct, echo: Echo) -> Array:
@@ -253,7 +190,7 @@ def _calibration(survey: Survey) -> float:
     if survey.direct != "calibration":
         return 0.0
     lags = time_zero.expected(survey.array, survey.probe, survey.speed_of_sound)
-    found = time_zero.measure(arrivals(survey.arrivals, survey.probe), lags)
+    found = time_zero.direct_path_of(arrivals(survey.arrivals, survey.probe), lags)
     if not np.isfinite(found.latency).any():
         return 0.0
     return float(time_zero.rounded(np.array([np.nanmedian(found.latency)]))[0])
@@ -295,7 +232,7 @@ def _told(mending: Mending, walk: Walk, zero: TimeZero) -> list[str]:
     humming: Array = np.array([bool(each) for each in mending.tones])
     if humming.any():
         where = naming.recordings(numbers, humming)
-        most = _db(np.median(walk.levels.hum[humming], axis=1).max())
+        most = decibels(np.median(walk.levels.hum[humming], axis=1).max())
         lines.append(f"hum of the mains {most:+.0f} dB over the rest in {where}; subtracted")
     return lines
 

@@ -68,7 +68,7 @@ class Levels(NamedTuple):
     repeated: int
 
 
-def measure(samples: Array, probe: Probe) -> tuple[Levels, Array]:
+def measure_levels(samples: Array, probe: Probe) -> tuple[Levels, Array]:
     """Return what is measured of a recording (M, N), and the recording without offset and hum."""
     everywhere = np.ones(len(samples), dtype=bool)
     offset = samples.mean(axis=-1)

@@ -41,7 +41,7 @@ class Mending:
     def __call__(self, samples: Array, pose: int) -> Array:
         """Return the recording of a pose, samples (M, N), as it should have been."""
         samples = steadied(samples, self.offset[pose], self.tones[pose])
-        return advance(self.sign[:, None] * samples, float(self.latency[pose]))
+        return taken_off(self.sign[:, None] * samples, float(self.latency[pose]))
 
 
 def steadied(samples: Array, offset: Array, tones: tuple[float, ...]) -> Array:
@@ -63,7 +63,7 @@ def steadied(samples: Array, offset: Array, tones: tuple[float, ...]) -> Array:
     return samples - (model @ parts).T
 
 
-def advance(samples: Array, latency: float) -> Array:
+def taken_off(samples: Array, latency: float) -> Array:
     """Return samples (..., N) so many samples earlier, silence where nothing was recorded.
 
     Whole samples are moved; what is left is a phase in the frequency domain.

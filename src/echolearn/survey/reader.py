@@ -33,7 +33,7 @@ from echolearn.checks import check
 from echolearn.storage import manifests
 from echolearn.survey import audio, direct_path
 from echolearn.survey.description import read_description
-from echolearn.survey.mending import Mending, advance
+from echolearn.survey.mending import Mending, taken_off
 from echolearn.survey.poses import read_poses
 
 NOISE = "noise.wav"
@@ -173,7 +173,7 @@ class Survey:
         )
         whole = np.pad(samples, ((0, 0), (0, length - samples.shape[1])))
         late = self.mending.calibration if self.mending else 0.0
-        return advance(whole, late) if late else whole
+        return taken_off(whole, late) if late else whole
 
     @cached_property
     def noise_statistics(self) -> tuple[Array, Array] | tuple[None, None]:

@@ -65,7 +65,7 @@ def unknown(count: int) -> Direct:
     return Direct(nothing, nothing, nothing)
 
 
-def measure(found: Arrivals, lags: Array) -> Direct:
+def direct_path_of(found: Arrivals, lags: Array) -> Direct:
     """Return the direct path of one recording.
 
     Args:
@@ -114,7 +114,7 @@ class TimeZero:
     refused: tuple[str, ...] = ()
 
 
-def judge(
+def time_zero_of(
     direct: Direct, *, numbers: Sequence[int], used: Array, sample_rate: float, speed: float
 ) -> TimeZero:
     """Return what direct paths, fields (P, M), say together.

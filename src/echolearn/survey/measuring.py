@@ -1,0 +1,109 @@
+"""What is measured of each recording by itself, and of all of them side by side: a `Walk`."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from echolearn.acoustics.types import Array
+from echolearn.survey import echoes, levels, time_zero
+from echolearn.survey.arrivals import arrivals
+from echolearn.survey.echoes import Echo
+from echolearn.survey.levels import Levels
+from echolearn.survey.reader import Survey
+from echolearn.survey.time_zero import Direct
+
+Row = TypeVar("Row", bound=tuple[Any, ...])
+
+SEGMENTS = 8
+"""Stretches of a recording of which the quietest tells the noise."""
+
+
+class Walk(NamedTuple):
+    """What was measured of all recordings.
+
+    Attributes:
+        survey: what was measured.
+        levels, direct, echo: of `levels`, `time_zero` and `echoes`, fields (P, ...).
+        level: mean square of each channel in the probe's band, shape (P, M).
+        noise: that of the quietest stretch, of all microphones together, shape (P,).
+        tones: frequencies of the mains in each recording, in cycles per sample.
+    """
+
+    survey: Survey
+    levels: Levels
+    direct: Direct
+    echo: Echo
+    level: Array
+    noise: Array
+    tones: tuple[tuple[float, ...], ...]
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """`index` of each recording."""
+        return self.survey.numbers
+
+    @property
+    def used(self) -> Array:
+        """Microphones that are used, shape (M,), bool."""
+        return self.survey.used
+
+    @property
+    def level_db(self) -> Array:
+        """Level of each channel, full scale 0 dB, shape (P, M)."""
+        return decibels(self.level)
+
+
+def measure_walk(survey: Survey) -> Walk:
+    """Return what is measured of every recording of a survey."""
+    rows = [_measure(survey, pose) for pose in range(len(survey.poses))]
+    kinds = zip(*rows, strict=True)
+    about, direct, echo, level, noise = kinds
+    tones = tuple(each.tones for each in about)
+    return Walk(
+        survey=survey,
+        # Tones are as many as there are in each recording, so they are no array.
+        levels=_stacked([each._replace(tones=()) for each in about]),
+        direct=_stacked(direct),
+        echo=_stacked(echo),
+        level=np.array(level),
+        noise=np.array(noise),
+        tones=tones,
+    )
+
+
+def _measure(survey: Survey, pose: int) -> tuple[Levels, Direct, Echo, Array, float]:
+    """Measure one recording."""
+    probe = survey.probe
+    lags = time_zero.expected(survey.array, probe, survey.speed_of_sound)
+    about, samples = levels.measure_levels(survey.recording(pose), probe)
+    found = arrivals(samples, probe)
+    direct = (
+        time_zero.direct_path_of(found, lags) if survey.direct else time_zero.unknown(len(lags))
+    )
+    echo = echoes.measure_echoes(
+        samples,
+        found,
+        direct=direct if survey.direct else None,
+        lags=lags,
+        array=survey.array,
+        scale=probe.sample_rate / survey.speed_of_sound,
+    )
+    square = found.outputs[:, found.zero :] ** 2
+    # The burst is cut off by the end of the recording, where less of the noise is heard too.
+    whole = max(probe.length - len(probe.samples), probe.length // 2)
+    stretches = [each.mean() for each in np.array_split(square[survey.used, :whole], SEGMENTS, -1)]
+    return about, direct, echo, square[:, :whole].mean(axis=-1), float(min(stretches))
+
+
+def _stacked(rows: Sequence[Row]) -> Row:
+    """Return values of one class for each recording as one whose fields are arrays (P, ...)."""
+    parts: Any = zip(*rows, strict=True)
+    return type(rows[0])(*map(np.array, parts))
+
+
+def decibels(power: Array, *, floor: float = 1e-30) -> Array:
+    """Return a power in dB, of nothing that of the floor."""
+    with np.errstate(divide="ignore"):
+        found: Array = 10 * np.log10(np.maximum(power, floor))
+    return found
