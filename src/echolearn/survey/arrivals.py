@@ -80,7 +80,7 @@ class Arrivals:
             lags: of the arrivals in samples, shape (M,).
         """
         burst = _burst(self.probe.samples.tobytes(), self.size)
-        late = heights[:, None] * delays(lags, self.size)
+        late = heights[:, None] * _delays(lags, self.size)
         left = self.spectrum - late * (np.abs(burst) ** 2 / self.probe.energy)
         return Arrivals(left, self.size, self.length, self.probe)
 
@@ -109,7 +109,7 @@ def _burst(burst: bytes, size: int) -> Array:
     return found
 
 
-def delays(lags: Array, size: int) -> Array:
+def _delays(lags: Array, size: int) -> Array:
     """Return exp(-j w lag) at the frequencies of a real transform, shape (M, size // 2 + 1)."""
     count = size // 2 + 1
     coarse = int(np.sqrt(count)) + 1

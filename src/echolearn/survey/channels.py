@@ -46,7 +46,13 @@ class Verdicts:
     noticed: list[str] = field(default_factory=list)
 
     def refuse(self, which: ArrayLike, word: str, line: str) -> None:
-        """Say a word of some microphones, (M,), bool, and refuse with a line."""
+        """Say a word of some microphones, and refuse with a line.
+
+        Args:
+            which: the microphones, shape (M,), bool.
+            word: of each of them.
+            line: on all.
+        """
         self.name(which, word)
         self.refused.append(line)
 

@@ -113,7 +113,7 @@ def examine(survey: Survey) -> Health:
         snr_db=decibels(np.where(rest < FAINT, np.nan, rest)),
         clock_drift_ppm=_drift(walk.echo),
         verdicts=tuple(verdicts.words),
-        mended=tuple(_told(mending, walk, zero)),
+        mended=tuple(_told(mending, walk, zero=zero)),
         noticed=(*verdicts.noticed, *_reversed(negative, walk.echo)),
         refused=tuple(verdicts.refused),
         mending=None if mending.nothing else mending,
@@ -213,7 +213,7 @@ def _drift(echo: Echo) -> float:
     return float(1e6 * np.median(drift[clear])) if clear.any() else float("nan")
 
 
-def _told(mending: Mending, walk: Walk, zero: TimeZero) -> list[str]:
+def _told(mending: Mending, walk: Walk, *, zero: TimeZero) -> list[str]:
     """Return a line for everything that is mended."""
     numbers = walk.numbers
     lines = []
