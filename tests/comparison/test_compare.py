@@ -334,7 +334,7 @@ def test_a_set_of_another_version_is_passed_over(world: World, put: Put, tmp_pat
     manifests.finish(old, manifest | {"format": 1, "plan": plan}, manifest["files"])
     with pytest.raises(BadValue, match=r"another version of echolearn; run: echolearn generate"):
         find_set(tmp_path, "grid")
-    new = put("grid-123456789abc")
+    new = put(world.sets["grid"].folder.name)
     assert find_set(tmp_path, "grid") == new
     (tmp_path / "train").symlink_to(world.runs / "train")
     inputs = load_inputs(tmp_path, tested=["grid"], surveys=[], localizers={})

@@ -16,6 +16,7 @@ import reference
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Observation, Pose, Room
 from echolearn.checks import BadValue
+from echolearn.cli.commands import verify_folder
 from echolearn.dataset import generate as generation
 from echolearn.dataset import records as recording
 from echolearn.dataset.generate import folder_of, generate
@@ -456,3 +457,7 @@ def test_a_set_under_the_name_of_another_is_found_out(plan, finished, tmp_path):
     shutil.copytree(finished, folder_of(other, tmp_path))
     with pytest.raises(BadValue, match="must hold the set of its own plan; was it renamed"):
         generate(other, runs=tmp_path, engine=Serial())
+    for read in (Dataset, verify_folder):
+        with pytest.raises(BadValue, match=f"must be a folder called {finished.name}; was it"):
+            read(str(folder_of(other, tmp_path)))
+    assert "whole" in verify_folder(str(finished))

@@ -175,7 +175,9 @@ def verify_folder(name: str) -> str:
         from echolearn.survey import proof
 
         return printable(f"{name}: {proof.verify_survey(place)}")
-    return printable(f"{name}: whole, {len(manifests.verify(place)['files'])} files")
+    manifest = manifests.verify(place)
+    manifests.check_own_name(place, manifest)
+    return printable(f"{name}: whole, {len(manifest['files'])} files")
 
 
 def localizers(plan: str) -> dict[str, Any]:

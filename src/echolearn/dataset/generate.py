@@ -23,7 +23,7 @@ from echolearn.runtime.engine import Engine
 from echolearn.runtime.progress import track
 from echolearn.storage import manifests
 from echolearn.storage.files import clean
-from echolearn.storage.identity import canonical, digest, plain
+from echolearn.storage.identity import canonical, plain
 from echolearn.storage.once import presence
 
 BLOCK = 64
@@ -86,7 +86,7 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
 
 def folder_of(plan: Plan, runs: Path) -> Path:
     """Return the folder of a plan's set, named after the digest of the plan."""
-    return Path(runs) / "data" / f"{plan.name}-{digest({'format': FORMAT, 'plan': plain(plan)})}"
+    return Path(runs) / "data" / manifests.set_name({"format": FORMAT, "plan": plain(plan)})
 
 
 def _write(shard: int, *, plan: Plan, mark: Path) -> None:

@@ -39,6 +39,7 @@ class Dataset:
             allowed="must be a folder that echolearn generate wrote",
         )
         self._check_format()
+        manifests.check_own_name(self.folder, self.manifest)
         self.name: str = self.manifest["plan"]["name"]
         self.digest: str = digest(self.manifest["files"])
         mend = repair_hint(self.manifest, self.folder)

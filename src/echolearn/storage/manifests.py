@@ -15,6 +15,7 @@ The same input gives the same bytes: nothing carries a time stamp. How a file is
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -34,7 +35,7 @@ from echolearn.storage.files import (
     sha256,
     write_atomic,
 )
-from echolearn.storage.identity import canonical
+from echolearn.storage.identity import canonical, digest
 
 MANIFEST = "manifest.json"
 METRICS = "metrics.json"
@@ -168,6 +169,28 @@ def _names_files(entries: Any) -> bool:
         if {key: type(value) for key, value in entry.items()} != {"bytes": int, "sha256": str}:
             return False
     return True
+
+
+def check_own_name(folder: Path, manifest: Mapping[str, Any]) -> None:
+    """Raise `BadValue` if the folder of a set or run has the name of another.
+
+    Surveys, bundles and maps may have any name, and so may a set whose name ends in no digest.
+    """
+    named = manifest.get("run")
+    if manifest.get("kind") == "set" and isinstance(manifest.get("plan"), dict):
+        named = set_name(manifest)
+    elif "kind" in manifest:
+        return
+    found = Path(folder).resolve().name
+    same = found == named or not re.search("-[0-9a-f]{12}$", found)
+    allowed = f"must be a folder called {named}"
+    check(named is None or same, "folder", folder, allowed=allowed, hint="was it renamed?")
+
+
+def set_name(about: Mapping[str, Any]) -> str:
+    """Return what a set's folder is called, by `format` and `plan` of its manifest."""
+    made_from = {key: about.get(key) for key in ("format", "plan")}
+    return f"{about['plan'].get('name')}-{digest(made_from)}"
 
 
 def is_finished(folder: Path) -> bool:

@@ -70,6 +70,7 @@ def read_run(folder: Path) -> Run:
         BadValue: it is not finished or damaged, or another version of echolearn has made it.
     """
     run = Run(folder, manifests.verify(folder))
+    manifests.check_own_name(folder, run.metrics)
     maker = other_maker(run)
     check(not maker, "run", folder, allowed=f"made by {maker}: train it again")
     return run
