@@ -169,6 +169,7 @@ def _finished(folder: Path, inputs: Mapping[str, Any]) -> Path | None:
 def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) -> Path:
     # What an interrupted command or another comparison of this name has left goes first.
     clean(folder)
+    clean(folder / "figures")
     files = {
         "results.csv": to_csv(comparison.rows, COLUMNS.split()),
         "tests.csv": to_csv(comparison.tests, TEST_COLUMNS.split()),
