@@ -86,8 +86,8 @@ def trial(name: str, rng: np.random.Generator) -> Trial:
 
     points = told + distance[:, None] * rays
     seen = Sightings(points, told, headings, np.full(count, pose_sd), np.full(count, heading_sd))
-    line = fit(points, seen.toward, np.arange(count))
-    found = measured(line, seen, Accuracy(heading_bias_sd=bias_sd))
+    line = fit(points, seen.toward, members=np.arange(count))
+    found = measured(line, seen, accuracy=Accuracy(heading_bias_sd=bias_sd))
     noise = distance_noise**2 + pose_sd**2, azimuth_noise**2 + heading_sd**2 + bias_sd**2
     return Trial(
         normal=bool(abs(wrap(found.normal - normal)) < 1.96 * found.normal_sd),

@@ -102,9 +102,9 @@ def bench(
         told = f"failed; no page was changed, {folder} holds the others"
         raise StagesFailed(f"{', '.join(failed)}: {told}")
     if page is not None:
-        write_between(page, tables(found, machine, brief=True), PAGE)
+        write_between(page, tables(found, machine, brief=True), markers=PAGE)
     if scaling is not None:
-        write_between(scaling, outlook(found, machine, workers=setting.workers), SCALING)
+        write_between(scaling, outlook(found, machine, workers=setting.workers), markers=SCALING)
     return folder
 
 

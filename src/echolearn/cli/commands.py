@@ -127,8 +127,8 @@ def _map(config: "Config") -> Path:
     from echolearn.robot.survey_map import map_survey
 
     return map_survey(
-        survey=_needed(config, "survey", "must be a folder in the recorded-survey format"),
-        bundle=_needed(config, "bundle", "must be a folder that echolearn export wrote"),
+        survey=_recorded(config),
+        bundle=_needed(config, "bundle", allowed="must be a folder that echolearn export wrote"),
         runs=Path(config["runs"]),
         **_built(config, "name resolution resample direct ros without gains localizer command"),
     )
@@ -139,7 +139,7 @@ def _check(config: "Config") -> Path:
     from echolearn.robot.check import check_survey
 
     return check_survey(
-        survey=_needed(config, "survey", "must be a folder in the recorded-survey format"),
+        survey=_recorded(config),
         bundle=_path(config["bundle"]),
         runs=Path(config["runs"]),
         **_built(config, "name resample direct without gains command"),
@@ -233,7 +233,12 @@ def _path(text: str | None) -> Path | None:
     return Path(text) if text else None
 
 
-def _needed(config: "Config", key: str, allowed: str) -> Path:
+def _recorded(config: "Config") -> Path:
+    """Return the folder of the survey that a command reads."""
+    return _needed(config, "survey", allowed="must be a folder in the recorded-survey format")
+
+
+def _needed(config: "Config", key: str, *, allowed: str) -> Path:
     """Return the folder that a key names, which has no default."""
     from echolearn.checks import check
 

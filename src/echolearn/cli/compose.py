@@ -137,7 +137,7 @@ def _configuration(command: str, job: Sequence[str], *, resolve: bool) -> Config
     known = [key for key in dotted(OmegaConf.to_container(config)) if not key.startswith("choice")]
     for override in overrides:
         if override not in choosing:
-            _set(config, override, known)
+            _set(config, override, known=known)
 
     plain: Any = OmegaConf.to_container(config, resolve=resolve, throw_on_missing=resolve)
     return {**plain, "command": shlex.join(["echolearn", command, *job])}
@@ -193,7 +193,7 @@ def _join(command: str, *choices: str) -> "DictConfig":
     return config
 
 
-def _set(config: "DictConfig", override: "Override", known: Sequence[str]) -> None:
+def _set(config: "DictConfig", override: "Override", *, known: Sequence[str]) -> None:
     """Set one value.
 
     Its key must exist, or belong to a call, which knows its own keys and refuses others.

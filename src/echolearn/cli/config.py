@@ -50,7 +50,7 @@ def build(config: Any, name: str) -> Any:
     function = find(target, name)
     _check_keys(arguments, function, name=name)
     value = function(**arguments)
-    check_made(value, target, name)
+    check_made(value, target, name=name)
     return value
 
 

@@ -104,12 +104,12 @@ def _check_apart(command: str, jobs: Sequence[Job]) -> None:
         if folder in seen:
             both = " and ".join(dict.fromkeys(filter(None, (seen[folder], swept)))) or "two of them"
             raise UsageError(
-                f"{both}: both would write {folder}; {_advice(command, folder, swept)}"
+                f"{both}: both would write {folder}; {_advice(command, folder, swept=swept)}"
             )
         seen[folder] = swept
 
 
-def _advice(command: str, folder: Path, swept: str) -> str:
+def _advice(command: str, folder: Path, *, swept: str) -> str:
     """Return how jobs that write one folder are told apart."""
     if command in BY_SWEEP:
         return "leave name= out, and each is named after what the sweep varies"

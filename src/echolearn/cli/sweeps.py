@@ -75,7 +75,7 @@ def run_all(
         JobsFailed: some jobs failed.
         UsageError: a launcher that is not installed, or a setting that it does not know.
     """
-    trying = partial(_attempt, work, trace)
+    trying = partial(_attempt, work, trace=trace)
     outcomes: Iterable[Outcome]
     if launcher:
         outcomes = _by_hydra(trying, jobs, launcher=launcher, place=place)
@@ -100,7 +100,7 @@ def say(result: object) -> None:
         print(result, flush=True)
 
 
-def _attempt(work: Callable[[Any], Any], trace: bool, job: Job) -> Outcome:
+def _attempt(work: Callable[[Any], Any], job: Job, *, trace: bool) -> Outcome:
     """Do one job; its error becomes a text, which any process can send."""
     name, argument = job
     try:

@@ -51,12 +51,18 @@ def find(target: object, name: str) -> Callable[..., Any]:
     kinds = _kinds_of(name)
     function = imported(target, name)
     made = function if inspect.isclass(function) else _returned(function)
-    _check_kind(_is_kind(made, kinds), target, name)
+    _check_kind(_is_kind(made, kinds), target, name=name)
     return function
 
 
-def check_made(value: object, target: object, name: str) -> None:
-    """Raise `BadValue` unless what a target has made is of its place's kind, to its attributes."""
+def check_made(value: object, target: object, *, name: str) -> None:
+    """Raise `BadValue` unless what a target has made is of its place's kind, to its attributes.
+
+    Args:
+        value: what was made.
+        target: dotted name of what has made it.
+        name: dotted name of the place in the configuration.
+    """
     kinds = _kinds_of(name)
     kind = kinds[0]
     if _is_protocol(kind):
@@ -64,10 +70,10 @@ def check_made(value: object, target: object, name: str) -> None:
         whole = all(hasattr(value, key) for key in names if not key.startswith("_"))
     else:
         whole = isinstance(value, kinds)
-    _check_kind(whole, target, name)
+    _check_kind(whole, target, name=name)
 
 
-def _check_kind(fits: bool, target: object, name: str) -> None:
+def _check_kind(fits: bool, target: object, *, name: str) -> None:
     """Refuse a target in one line unless it fits its place."""
     allowed = f"must be a class like {KINDS[_place(name)]}, or a function that says it returns one"
     check(fits, f"{name}.{TARGET}", target, allowed=allowed, hint="this is none")

@@ -135,7 +135,7 @@ def show(folder: Path, *, readme: Path | None) -> None:
     print(f"\n{folder / 'report.html'}")
     if readme is None:
         return
-    write_between(readme, table, RESULTS)
+    write_between(readme, table, markers=RESULTS)
     for name in ("maps_last.svg", "maps_first.svg"):
         picture = folder / "figures" / name
         if picture.is_file():

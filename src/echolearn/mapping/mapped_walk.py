@@ -85,4 +85,4 @@ class MappedWalk:
             heading_sd=np.array([pose.heading_sd for pose in poses]),
         )
         found = fit_lines(seen.points, seen.toward)
-        return [measured(line, seen.only(line.members), self.accuracy) for line in found]
+        return [measured(line, seen.only(line.members), accuracy=self.accuracy) for line in found]

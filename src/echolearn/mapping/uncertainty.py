@@ -135,7 +135,7 @@ def _rounded(scatter: Array, known: Array, *, step: float, freedom: int) -> _Rou
     return _Rounded(step, known, np.concatenate([hidden, seen]) if hides else seen)
 
 
-def measured(line: Line, seen: Sightings, accuracy: Accuracy) -> Line:
+def measured(line: Line, seen: Sightings, *, accuracy: Accuracy) -> Line:
     """Return a line as its echoes place it, and as certain as they make it.
 
     Args:
@@ -143,7 +143,7 @@ def measured(line: Line, seen: Sightings, accuracy: Accuracy) -> Line:
         seen: these points alone.
         accuracy: of the echoes.
     """
-    wall = _Wall.of(line, seen, accuracy)
+    wall = _Wall.of(line, seen, accuracy=accuracy)
     centre = np.zeros(2)
     width = wall.width
     # The likely noise finds the place, all candidates together tell how far around it.
@@ -191,8 +191,14 @@ class _Wall:
     azimuth: _Rounded
 
     @classmethod
-    def of(cls, line: Line, seen: Sightings, accuracy: Accuracy) -> "_Wall":
-        """Return the wall of a fitted line, with the noise that the scatter suggests."""
+    def of(cls, line: Line, seen: Sightings, *, accuracy: Accuracy) -> "_Wall":
+        """Return the wall of a fitted line, with the noise that the scatter suggests.
+
+        Args:
+            line: as fitted to points.
+            seen: these points alone.
+            accuracy: of the echoes.
+        """
         none = _Rounded(1.0, np.zeros(1), np.zeros(1))
         wall = cls(line, seen, accuracy, none, none)
         misses = wall.distance_misses(0.0, np.zeros(1))[0]

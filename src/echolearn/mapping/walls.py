@@ -84,7 +84,7 @@ def fit_lines(points: Array, toward: Array) -> list[Line]:
         members = near[chosen]
         if len(members) < SUPPORT:
             break
-        found.append(fit(points, toward, members))
+        found.append(fit(points, toward, members=members))
         free[members] = False
     return found
 
@@ -150,17 +150,17 @@ def _supporters(points: Array, toward: Array, *, first: int) -> Array:
         members = again
         if len(members) < SUPPORT or settled:
             break
-        line = fit(points, toward, members)
+        line = fit(points, toward, members=members)
         normal = _unit(line.normal)
         offset = line.offset
-    return _extended(points, toward, members)
+    return _extended(points, toward, members=members)
 
 
-def _extended(points: Array, toward: Array, members: Array) -> Array:
+def _extended(points: Array, toward: Array, *, members: Array) -> Array:
     """Return a stretch with all others of its wall."""
     if len(members) < SUPPORT:
         return members
-    line = fit(points, toward, members)
+    line = fit(points, toward, members=members)
     normal = _unit(line.normal)
     away = np.linalg.norm(points - (line.start + line.end) / 2, axis=1)
     # The farther away, the less a short stretch knows where its line passes.
@@ -170,7 +170,7 @@ def _extended(points: Array, toward: Array, members: Array) -> Array:
 
     for stretch in _stretches(points, np.flatnonzero(support)):
         both = np.union1d(members, stretch)
-        if len(stretch) >= SUPPORT and fit(points, toward, both).rms <= WIDTH / 2:
+        if len(stretch) >= SUPPORT and fit(points, toward, members=both).rms <= WIDTH / 2:
             members = both
     return members
 
@@ -188,7 +188,7 @@ def _stretches(points: Array, members: Array) -> Iterator[Array]:
         yield np.sort(members[group])
 
 
-def fit(points: Array, toward: Array, members: Array) -> Line:
+def fit(points: Array, toward: Array, *, members: Array) -> Line:
     """Return the total least squares line through some points, its normal pointing as the rays do.
 
     Args:

@@ -14,7 +14,7 @@ import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.checks import BadValue, check, check_name
-from echolearn.robot.check_facts import HEADINGS, UNSEEN, Facts, facts_of
+from echolearn.robot.check_facts import HEADINGS, UNSEEN, Facts, survey_facts
 from echolearn.robot.check_page import page_of
 from echolearn.robot.choices import open_survey, with_gains
 from echolearn.robot.waterfall import waterfall
@@ -63,18 +63,13 @@ def check_survey(
     _check_free(folder)
     walk, _ = read_proved(Path(survey))
     walk = with_gains(walk, None, without=without, gains=gains)
-    window = SearchWindow()
-    unfit: list[str] = []
-    if bundle is not None:
-        window, unfit = _fit(walk, Path(bundle), resample=resample, direct=direct)
-
+    window, unfit = _fit(walk, bundle, resample=resample, direct=direct)
     health = examine(walk)
-    facts = facts_of(walk, health, refused=unfit)
+    facts = survey_facts(walk, health, refused=unfit)
     fall = waterfall(walk, health, window=window)
     content = page_of(walk, health, facts=facts, fall=fall)
     about = {"kind": "check", "verdict": facts.verdict} | manifests.command_entry(command)
     _write(folder, content, about=about)
-
     print("\n".join(screen(facts)))
     reasons = [*health.refused, *unfit]
     if reasons:
@@ -85,19 +80,21 @@ def check_survey(
 
 
 def _fit(
-    walk: Survey, bundle: Path, *, resample: bool, direct: str | None
+    walk: Survey, bundle: Path | None, *, resample: bool, direct: str | None
 ) -> tuple[SearchWindow, list[str]]:
     """Return where a bundle seeks echoes, and why it does not fit a survey, if so.
 
     Args:
         walk: what was recorded.
-        bundle: folder of the bundle.
+        bundle: folder of the bundle; every survey fits None.
         resample, direct: as for `map_survey`.
     """
+    if bundle is None:
+        return SearchWindow(), []
     # Only who names a bundle needs what reads its model.
     from echolearn.robot.bundle import read_bundle
 
-    found = read_bundle(bundle)
+    found = read_bundle(Path(bundle))
     left_out = [] if walk.gains is None else (np.flatnonzero(walk.gains == 0) + 1).tolist()
     try:
         open_survey(walk.folder, found, resample=resample, direct=direct)

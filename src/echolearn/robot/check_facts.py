@@ -58,7 +58,7 @@ class Facts:
     channels: Sequence[tuple[str, Sequence[str]]]
 
 
-def facts_of(survey: Survey, health: Health, *, refused: Sequence[str] = ()) -> Facts:
+def survey_facts(survey: Survey, health: Health, *, refused: Sequence[str] = ()) -> Facts:
     """Return what there is to say of a survey.
 
     Args:

@@ -119,9 +119,9 @@ def _waterfall(survey: Survey, fall: Waterfall, *, number: int) -> str:
     # What the microphones hear together is timed at the first one.
     microphone = max(number - 1, 0)
     poses = len(survey.poses)
-    lines = [_upright("window", lag, poses) for lag in fall.window]
+    lines = [_upright("window", lag, poses=poses) for lag in fall.window]
     if np.isfinite(fall.direct[microphone]):
-        lines.append(_upright("direct", fall.direct[microphone], poses))
+        lines.append(_upright("direct", fall.direct[microphone], poses=poses))
     if fall.echoes is not None:
         lines.append(_marks("echo", fall.echoes[:, microphone]))
 
@@ -130,9 +130,9 @@ def _waterfall(survey: Survey, fall: Waterfall, *, number: int) -> str:
     few = 5 if number else 8
     name = f"microphone {number}" if number else "the array"
     image = f'<img src="{data_url(fall.images[number])}" alt="Waterfall of {name}">'
-    ticks = _ticks("x", fall.lags, few, unit=" ms", scale=1e3 / rate)
+    ticks = _ticks("x", fall.lags, most=few, unit=" ms", scale=1e3 / rate)
     if not number:
-        ticks += _ticks("top", fall.lags, few, unit=" m", scale=metres)
+        ticks += _ticks("top", fall.lags, most=few, unit=" m", scale=metres)
     ticks += _pose_ticks("y", survey.numbers)
     note = "Above: distance of a wall of that time." if not number else ""
     tall = "13rem" if number else "clamp(18rem,45vw,30rem)"
@@ -166,7 +166,7 @@ def _curve(title: str, values: Array, *, numbers: Sequence[int]) -> str:
     ticks = _pose_ticks("x", numbers)
     step = _step(high - low, 5)
     for value in np.arange(np.ceil(low / step) * step, high, step).tolist():
-        ticks.append(_tick("y", (high - value) / (high - low), f"{value:g}"))
+        ticks.append(_tick("y", (high - value) / (high - low), name=f"{value:g}"))
         lines.insert(0, f'<path class="grid" d="M0 {high - value:.3f}H{size[0]}"/>')
     low_high = f"from {known.min():.1f} to {known.max():.1f}"
     frame = _frame("", lines, ticks, size=size, tall="9rem", dark=False)
@@ -200,7 +200,7 @@ def _frame(
     )
 
 
-def _upright(kind: str, lag: float, poses: int) -> str:
+def _upright(kind: str, lag: float, *, poses: int) -> str:
     return f'<path class="{kind}" d="M{lag:.1f} 0V{poses}"/>'
 
 
@@ -226,7 +226,7 @@ def _marks(kind: str, lags: Array) -> str:
     return f'<path class="{kind}" d="{drawn}"/>'
 
 
-def _ticks(kind: str, lags: int, most: int, *, unit: str, scale: float) -> list[str]:
+def _ticks(kind: str, lags: int, *, most: int, unit: str, scale: float) -> list[str]:
     """Return ticks along the lags; their unit goes with the last.
 
     Args:
@@ -241,7 +241,7 @@ def _ticks(kind: str, lags: int, most: int, *, unit: str, scale: float) -> list[
     values = np.arange(0.0, high, step).tolist()
     names = [f"{value:g}" for value in values]
     names[-1] += unit
-    return [_tick(kind, value / high, name) for value, name in zip(values, names, strict=True)]
+    return [_tick(kind, value / high, name=name) for value, name in zip(values, names, strict=True)]
 
 
 def _pose_ticks(kind: str, numbers: Sequence[int]) -> list[str]:
@@ -250,10 +250,12 @@ def _pose_ticks(kind: str, numbers: Sequence[int]) -> list[str]:
     step = max(1, round(_step(count, 6)))
     # The pixel of a pose has a height, a point of a curve has none.
     last, half = (count, 0.5) if kind == "y" else (max(count - 1, 1), 0.0)
-    return [_tick(kind, (pose + half) / last, str(numbers[pose])) for pose in range(0, count, step)]
+    return [
+        _tick(kind, (pose + half) / last, name=str(numbers[pose])) for pose in range(0, count, step)
+    ]
 
 
-def _tick(kind: str, share: float, name: str) -> str:
+def _tick(kind: str, share: float, *, name: str) -> str:
     side = "top" if kind == "y" else "left"
     return f'<span class="{kind}" style="{side}:{100 * share:.2f}%">{name}</span>'
 

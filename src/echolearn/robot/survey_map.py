@@ -79,9 +79,8 @@ def map_survey(
     scorer = seeking(load(bundle), localizer)
     walk = open_survey(Path(survey), scorer.bundle, resample=resample, direct=direct)
     walk = with_gains(walk, scorer.bundle, without=without, gains=gains)
-    factors = None if walk.gains is None else walk.gains.tolist()
     asked = {"direct": direct, "ros": ros or None, "resolution": float(resolution)}
-    asked |= {"gains": factors, "sign": (localizer or {}).get("sign")}
+    asked["sign"] = (localizer or {}).get("sign")
     identity = partial(_identity, scorer.bundle, walk, asked=asked)
     inputs = identity()
     folder = Path(runs) / "maps" / name
@@ -156,6 +155,8 @@ def _identity(bundle: Bundle, walk: Survey, *, asked: Mapping[str, Any]) -> dict
             sums.update(f"{name} {sha256(path)}\n".encode())
     # What was not asked for is not named, so that maps of before keep their identity.
     given = {key: value for key, value in asked.items() if value is not None}
+    if walk.gains is not None:
+        given["gains"] = walk.gains.tolist()
     return given | {"bundle": bundle.about["sha256"], "survey": sums.hexdigest()}
 
 

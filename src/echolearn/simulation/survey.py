@@ -77,23 +77,24 @@ def survey(
     check_whole("seed", seed, low=0)
     levels.check_scene(scene)
     seconds = noise_length(scene, noise_seconds)
-    # Found out before the long work begins.
-    check_whole("poses", poses, low=2, high=MOST, hint="longer walks are several surveys")
-    walk = trajectory(room, poses=poses, start=start)
-    for pose in walk:
-        check_inside(room, pose, array=scene.array)
-
+    walk = _walk(room, scene, poses=poses, start=start)
     origin = {"room": room, "scene": scene, "walk": walk, "seed": seed} | _given(levels)
     alone = {"noise_seconds": seconds} if seconds else {}
     about = {"kind": "survey", "made_from": plain(origin | alone)}
     record = partial(_record, room, walk, scene=scene, levels=levels, seed=seed, seconds=seconds)
     folder = Path(runs) / "survey" / name
-    return once(
-        folder,
-        finished=partial(_finished, folder, about),
-        make=partial(_make, folder, about, record=record, command=command),
-        doing="records this survey",
-    )
+    finished = partial(_finished, folder, about)
+    make = partial(_make, folder, about, record=record, command=command)
+    return once(folder, finished=finished, make=make, doing="records this survey")
+
+
+def _walk(room: Room, scene: Scene, *, poses: int, start: float) -> list[Pose]:
+    """Return the poses, and refuse those outside before the long work begins."""
+    check_whole("poses", poses, low=2, high=MOST, hint="longer walks are several surveys")
+    walk = trajectory(room, poses=poses, start=start)
+    for pose in walk:
+        check_inside(room, pose, array=scene.array)
+    return walk
 
 
 def _make(
@@ -104,7 +105,7 @@ def _make(
     command: str | None,
 ) -> Path:
     """Write those files of a survey that are not there yet, and declare it finished."""
-    names = journal.make_missing(folder, about, record(), begun=BEGUN)
+    names = journal.make_missing(folder, about, contents=record(), begun=BEGUN)
     try:
         # Of a survey that was mended the manifest still holds, as whoever made it had it.
         manifests.verify(folder)
@@ -194,11 +195,13 @@ def _record(
     probe = scene.probe
 
     def alone() -> bytes:
+        """Return the noise alone at the first pose, as a file."""
         rng = stream(seed, "noise alone", 0)
         noise = noise_alone(room, walk[0], scene=scene, seconds=seconds, levels=levels, rng=rng)
         return audio.wav_bytes(noise, probe.sample_rate)
 
     def recording(index: int, pose: Pose) -> bytes:
+        """Return what is recorded at a pose, as a file."""
         rng = stream(seed, "observation", index)
         observation, _ = observe(room, pose, scene=scene, levels=levels, rng=rng)
         return audio.wav_bytes(observation.samples, probe.sample_rate)

@@ -28,7 +28,7 @@ Entries = dict[str, Any]
 
 
 def make_missing(
-    folder: Path, about: Mapping[str, Any], contents: Iterator[Content], *, begun: str
+    folder: Path, about: Mapping[str, Any], *, contents: Iterator[Content], begun: str
 ) -> list[str]:
     """Write those files of a folder that are not there yet, and return the names of all.
 
@@ -41,7 +41,7 @@ def make_missing(
     there = known_files(folder, about)
     first, make = next(contents)
     # Made before any is written: what cannot be made leaves nothing.
-    content = None if _is_whole(folder, first, there) else make()
+    content = None if manifests.is_whole(folder / first, there.get(first)) else make()
 
     for place in {folder, *((folder / name).parent for name in there)}:
         files.clean(place)
@@ -49,11 +49,11 @@ def make_missing(
     lines = [digest(about), *(json.dumps({name: entry}) for name, entry in there.items())]
     files.write_atomic(folder / JOURNAL, "".join(f"{line}\n" for line in lines).encode())
     if content is not None:
-        _write(folder, first, content)
+        _write(folder, name=first, content=content)
     names = [begun, first]
     for name, make in contents:
-        if not _is_whole(folder, name, there):
-            _write(folder, name, make())
+        if not manifests.is_whole(folder / name, there.get(name)):
+            _write(folder, name=name, content=make())
         names.append(name)
     return names
 
@@ -80,17 +80,7 @@ def end(folder: Path) -> None:
         (folder / JOURNAL).unlink(missing_ok=True)
 
 
-def _is_whole(folder: Path, name: str, there: Entries) -> bool:
-    """Tell whether a file is as it was written."""
-    try:
-        entry = there[name]
-        files.check_file(folder / name, size=entry["bytes"], expected=entry["sha256"])
-    except (BadValue, KeyError, TypeError):
-        return False
-    return True
-
-
-def _write(folder: Path, name: str, content: bytes) -> None:
+def _write(folder: Path, *, name: str, content: bytes) -> None:
     """Write a file, and a line about it into the journal."""
     files.write_atomic(folder / name, content)
     entry = {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}

@@ -17,6 +17,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -254,14 +255,19 @@ def missing_shards(folder: Path, count: int) -> list[int]:
         entries = load_manifest(folder)["files"]
     except BadValue:
         entries = {}
-    paths = [Path(folder) / shard_name(index) for index in range(count)]
-    return [index for index, path in enumerate(paths) if not _is_whole(path, entries)]
+    missing = []
+    for index in range(count):
+        path = Path(folder) / shard_name(index)
+        with suppress(BadValue):
+            if is_whole(path, entries.get(path.name) or load_json(sidecar(path))):
+                continue
+        missing.append(index)
+    return missing
 
 
-def _is_whole(path: Path, entries: Mapping[str, Any]) -> bool:
-    """Tell whether a shard has the checksum in `entries`, or else the one beside it."""
+def is_whole(path: Path, entry: Any) -> bool:
+    """Tell whether a file has the size and the checksum of a manifest's entry, if that is one."""
     try:
-        entry = entries.get(path.name) or load_json(sidecar(path))
         check_file(path, size=entry["bytes"], expected=entry["sha256"])
     except (BadValue, KeyError, TypeError):
         return False

@@ -40,7 +40,7 @@ def around(page: Path, markers: Markers) -> tuple[str, str]:
     return before + begin, end + after
 
 
-def write_between(page: Path, text: str, markers: Markers) -> None:
+def write_between(page: Path, text: str, *, markers: Markers) -> None:
     """Replace the text between the markers of a page, atomically, one command after another.
 
     Args:

@@ -44,7 +44,7 @@ def publish(folder: Path, page: Path) -> None:
     words = shlex.split(manifest.get("command", ""))
     command = shlex.join(word for word in words if not word.startswith("runs="))
     text = section(beside / f"{name}.csv", vary=manifest["study"]["vary"], command=command)
-    write_between(page, text, markers(name))
+    write_between(page, text, markers=markers(name))
 
 
 def section(table: Path, *, vary: str, command: str) -> str:
