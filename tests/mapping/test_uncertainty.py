@@ -34,7 +34,8 @@ def seen_from(poses: np.ndarray, headings: np.ndarray, sd: float = 0.0) -> Line:
     rays = np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
     points = poses + distance[:, None] * rays
     seen = Sightings(points, poses, headings, np.full(len(poses), sd), np.zeros(len(poses)))
-    return measured(fit(points, rays, np.arange(len(poses))), seen, Accuracy())
+    line = fit(points, rays, members=np.arange(len(poses)))
+    return measured(line, seen, accuracy=Accuracy())
 
 
 def test_a_robot_that_stands_still_keeps_the_errors_of_its_grids() -> None:
@@ -61,8 +62,9 @@ def test_an_error_of_all_headings_is_not_averaged() -> None:
     poses = np.tile([[0.3, 0.0]], (40, 1))
     rays = np.tile([[1.0, 0.0]], (40, 1))
     seen = Sightings(poses + 1.7 * rays, poses, headings, np.zeros(40), np.zeros(40))
-    line = fit(seen.points, rays, np.arange(40))
-    assert measured(line, seen, Accuracy(heading_bias_sd=0.1)).normal_sd == pytest.approx(0.1, 0.05)
+    line = fit(seen.points, rays, members=np.arange(40))
+    found = measured(line, seen, accuracy=Accuracy(heading_bias_sd=0.1))
+    assert found.normal_sd == pytest.approx(0.1, 0.05)
 
 
 def test_echoes_are_never_more_accurate_than_their_grids() -> None:
