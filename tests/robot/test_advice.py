@@ -9,10 +9,10 @@ import pytest
 from by_hand import write_small
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.mapping.mapped_walk import MappedWalk
-from echolearn.robot.advice import LAST, causes
+from echolearn.robot.advice import LAST, MANY, PLACES, causes
 from echolearn.survey.health import Health, examine
 from echolearn.survey.reader import read_survey
-from mapped_walks import lopsided
+from mapped_walks import angled, lopsided
 
 SOUND: dict[str, Any] = {"direct": True, "noticed": ()}
 SOUND |= {"snr_db": np.array([20.0, np.nan])}
@@ -64,3 +64,14 @@ def test_kept_echoes_of_the_ceiling_alone_are_no_map(empty: MappedWalk, health: 
     kept = np.array([False] * 5 + [True])
     ceiling = replace(empty, map=replace(empty.map, kept=kept))
     assert told(ceiling, health)[0].startswith("all 1 kept echoes come from floor or ceiling")
+
+
+def test_many_points_that_agree_on_no_wall_are_in_wrong_places(health: Health) -> None:
+    walk = angled()
+    assert told(walk, health, direct=False) == []
+    anywhere = np.random.default_rng(0).uniform(-50, 50, walk.map.points.shape)
+    lost = replace(walk, map=replace(walk.map, points=anywhere))
+    assert told(lost, health) == [PLACES]
+    assert [line[:13] for line in told(lost, health, direct=False)] == [PLACES[:13], "time zero is "]
+    few = np.arange(len(anywhere)) < MANY - 1
+    assert told(replace(lost, map=replace(lost.map, kept=few)), health) == []

@@ -1,4 +1,4 @@
-"""Why a map is empty: causes from what was measured, the most likely first.
+"""Why a map is empty, or shows no wall: causes from what was measured, the most likely first.
 
 A cause is told only if there is evidence of it. What the recordings themselves show (`Health`)
 comes after what geometry rules out, and before what nobody can know.
@@ -18,19 +18,33 @@ LAST = (
 )
 """What is left to ask where nothing else is known."""
 
+PLACES = (
+    "do poses and recordings belong together: heading_rad counter-clockwise from x, positions in "
+    "m, files and microphones in their order?"
+)
+"""What is asked first where many points are drawn and agree on no wall."""
+
+MANY = 20
+"""Points of which some lie on one wall, unless they are in wrong places."""
+
 FEW_DB = 0.0
 """dB of SNR below which single recordings hardly tell echoes."""
 
 
 def causes(mapped: MappedWalk, health: Health, *, window: SearchWindow) -> list[str]:
-    """Return why no point of a map is drawn, a line each, the most likely first.
+    """Return why no point of a map is drawn, or no wall goes through many; nothing if one does.
 
     Args:
         mapped: the walk and its echoes.
         health: what its recordings say about themselves.
         window: where the bundle seeks echoes.
     """
-    return [*_of_geometry(mapped, window), *_of_recordings(health), LAST]
+    drawn = int(np.sum(mapped.shown))
+    if not drawn:
+        return [*_of_geometry(mapped, window), *_of_recordings(health), LAST]
+    if drawn >= MANY and not mapped.lines:
+        return [PLACES, *_of_recordings(health)]
+    return []
 
 
 def _of_geometry(mapped: MappedWalk, window: SearchWindow) -> Iterator[str]:

@@ -18,6 +18,7 @@ from echolearn.mapping.mapped_walk import BAG, Files, MappedWalk
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
 from echolearn.survey.health import Health
+from echolearn.survey.time_zero import HIDDEN
 
 SHOWN = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
 """Metrics that are printed where the room is known."""
@@ -89,7 +90,7 @@ def describe_map(mapped: MappedWalk, causes: Sequence[str]) -> dict[str, Any]:
 
     Args:
         mapped: the map.
-        causes: why no point of it is drawn, if so.
+        causes: why no point of it is drawn, or no wall goes through them, if so.
     """
     scores = None
     if mapped.outline is not None:
@@ -117,7 +118,10 @@ def describe_map(mapped: MappedWalk, causes: Sequence[str]) -> dict[str, Any]:
 
 def told(health: Health) -> dict[str, Any]:
     """Return what the manifest of a map says of its recordings; nothing of sound ones."""
-    lines = {"mended": list(health.mended), "noticed": list(health.noticed)}
+    noticed = [*health.noticed]
+    if health.time_zero == HIDDEN:
+        noticed.append(f"{HIDDEN}, so it is taken on trust")
+    lines = {"mended": list(health.mended), "noticed": noticed}
     return {"health": lines} if any(lines.values()) else {}
 
 
@@ -131,7 +135,8 @@ def report(about: Mapping[str, Any]) -> None:
         f"map, {about['floor_or_ceiling']} from floor or ceiling; {about['lines']} walls fitted"
     )
     if about["causes"]:
-        print("no point is drawn; the most likely cause first:")
+        lack = "no wall goes through the points" if about["points"] else "no point is drawn"
+        print(f"{lack}; the most likely cause first:")
     for number, cause in enumerate(about["causes"], start=1):
         print(f"  {number}. {cause}")
     for name in SHOWN if about["scores"] else ():

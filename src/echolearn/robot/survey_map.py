@@ -114,7 +114,7 @@ def _mapped(
     mapped = score_survey(scorer, mended(walk, health), resolution=resolution)
     files = {key: value for writer in writers for key, value in writer.write(mapped).items()}
     window = scorer.bundle.localizer.window
-    why = [] if mapped.shown.any() else causes(mapped, health, window=window)
+    why = causes(mapped, health, window=window)
     return files, describe_map(mapped, why) | told(health)
 
 
