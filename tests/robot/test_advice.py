@@ -72,6 +72,7 @@ def test_many_points_that_agree_on_no_wall_are_in_wrong_places(health: Health) -
     anywhere = np.random.default_rng(0).uniform(-50, 50, walk.map.points.shape)
     lost = replace(walk, map=replace(walk.map, points=anywhere))
     assert told(lost, health) == [PLACES]
-    assert [line[:13] for line in told(lost, health, direct=False)] == [PLACES[:13], "time zero is "]
+    first, second = told(lost, health, direct=False)
+    assert first == PLACES and second.startswith("time zero is taken on trust")
     few = np.arange(len(anywhere)) < MANY - 1
     assert told(replace(lost, map=replace(lost.map, kept=few)), health) == []
