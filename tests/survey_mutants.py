@@ -93,8 +93,9 @@ def listed(put: Callable[[Path], object]) -> Mutate:
 
 
 def beside(name: str, put: Callable[[Path], object], folder: Path) -> None:
-    """Put something beside a walk whose direct path is in the recordings."""
-    edit(folder, direct_path="present")
+    """Put something beside a walk; only a direct path that is in the recordings is calibrated."""
+    if name == "calibration.wav":
+        edit(folder, direct_path="present")
     put(folder / name)
 
 
