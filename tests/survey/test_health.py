@@ -346,6 +346,25 @@ def test_the_calibration_may_be_late_by_itself(tmp_path: Path) -> None:
     assert np.allclose(found[..., :4000], wanted.observe([0]).samples[..., :4000], atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda y: np.random.default_rng(1).standard_normal(y.shape), "calibration.wav=not seen"),
+        (lambda y: y[:, ::-1], "calibration.wav=not seen"),
+        (lambda y: np.where(np.arange(6)[:, None] == 2, np.roll(y, 9), y), "microphone 3=9.0 samp"),
+    ],
+)
+def test_a_calibration_without_the_direct_path_is_refused(
+    change: Callable[[Array], Array], said: str, tmp_path: Path
+) -> None:
+    survey = calibrated(write(tmp_path / "walk", walk(direct=True), direct=True), 0)
+    recorded = audio.wav_bytes(change(SCENE.direct), PROBE.sample_rate)
+    (survey.folder / "calibration.wav").write_bytes(recorded)
+    health = examine(read_survey(survey.folder))
+    [line] = health.refused
+    assert said in line
+
+
 def test_clocks_that_drift_are_measured(tmp_path: Path) -> None:
     """A player that is one in a thousand faster is heard so."""
     places = np.arange(PROBE.length) * (1 + 1e-3)

@@ -5,6 +5,8 @@ of the search window are wanted and the burst is short, so one short FFT over th
 replaces the sums of the paper (Eqs. 10-13) without approximation.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy import fft
 
@@ -126,6 +128,17 @@ def noise_statistics(recording: Array, *, frame: int = STFT_FRAME) -> tuple[Arra
     """Return `noise_psd` and `noise_covariance` of noise (M, N), from the same spectra."""
     spectra = _noise_spectra(recording, frame)
     return _density(spectra, frame), _covariance(spectra, frame)
+
+
+def pooled(measured: Sequence[tuple[Array, Array]], lengths: Sequence[int]) -> tuple[Array, Array]:
+    """Return the statistics of pieces of one recording, each weighted by its length."""
+    # Of a single piece, which most are, this is exactly what was measured.
+    shares = np.array(lengths) / sum(lengths)
+    psd, covariance = (
+        sum(share * each for share, each in zip(shares, parts, strict=True))
+        for parts in zip(*measured, strict=True)
+    )
+    return psd, covariance
 
 
 def _density(spectra: Array, frame: int) -> Array:

@@ -9,6 +9,7 @@ number. Each recording is measured by itself (`measuring`), then all of them are
 """
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,7 @@ from echolearn.survey.channels import judge_channels
 from echolearn.survey.echoes import Echo
 from echolearn.survey.measuring import Walk, decibels, measure_walk
 from echolearn.survey.mending import Mending
-from echolearn.survey.reader import Survey
+from echolearn.survey.reader import CALIBRATION, Survey
 from echolearn.survey.time_zero import Direct, TimeZero
 
 SURE = 0.9
@@ -33,6 +34,9 @@ FAINT = 0.05
 
 CLEAR = 10.0
 """Height over the noise from which an arrival tells of the clocks."""
+
+DIRECT_SHARE = 0.01
+"""Share of a calibration's energy that is the direct path, at least; of noise some thousandths."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +97,9 @@ def examine(survey: Survey) -> Health:
     walk = measure_walk(survey)
     verdicts = judge_channels(walk)
     zero = _zero(walk, verdicts.alive)
-    verdicts.refused += zero.refused
-    mending = _mending(walk, zero, used=verdicts.alive)
+    begun = _calibration(walk, verdicts.alive)
+    verdicts.refused += (*zero.refused, *begun.refused)
+    mending = _mending(walk, zero, used=verdicts.alive, calibration=float(begun.late[0]))
     negative = _negative(walk.echo.sign * mending.sign * verdicts.alive)
     rest = walk.level[:, survey.used].mean(axis=1) / np.maximum(walk.noise, 1e-30) - 1.0
     return Health(
@@ -124,26 +129,48 @@ def _zero(walk: Walk, used: Array) -> TimeZero:
     """Return when the recordings begin, by the microphones that are used, shape (M,), bool."""
     if not walk.survey.direct:
         return TimeZero(time_zero.TRUST, np.zeros(len(walk.noise)))
+    return _agreed(walk.survey, walk.direct, numbers=walk.numbers, used=used)
+
+
+def _calibration(walk: Walk, used: Array) -> TimeZero:
+    """Return when `calibration.wav` begins; in time if there is none."""
+    survey = walk.survey
+    if survey.direct != "calibration":
+        return TimeZero("", np.zeros(1))
+    lags = time_zero.expected(survey.array, survey.probe, survey.speed_of_sound)
+    found = time_zero.direct_path_of(arrivals(survey.arrivals, survey.probe), lags)
+    share = found.height**2 / np.sum(survey.arrivals**2, axis=-1)
+    if np.mean(share[used] >= DIRECT_SHARE) <= 0.5:
+        faint = "must hold it alone, at each microphone; was the probe played, and in the open?"
+        return TimeZero("", np.zeros(1), (f"direct path in {CALIBRATION}=not seen: {faint}",))
+    # A single recording, with the same proof that all microphones began together.
+    alone = Direct(*(each[None] for each in found))
+    return _agreed(survey, alone, numbers=(CALIBRATION,), used=used)
+
+
+def _agreed(survey: Survey, direct: Direct, *, numbers: Sequence[object], used: Array) -> TimeZero:
+    """Return what direct paths, fields (P, M), say together; see `time_zero_of`."""
     return time_zero.time_zero_of(
-        walk.direct,
-        numbers=walk.numbers,
+        direct,
+        numbers=numbers,
         used=used,
-        sample_rate=walk.survey.probe.sample_rate,
-        speed=walk.survey.speed_of_sound,
+        sample_rate=survey.probe.sample_rate,
+        speed=survey.speed_of_sound,
     )
 
 
-def _mending(walk: Walk, zero: TimeZero, *, used: Array) -> Mending:
+def _mending(walk: Walk, zero: TimeZero, *, used: Array, calibration: float) -> Mending:
     """Return what is to be mended.
 
     Args:
         walk: what was measured.
         zero: when the recordings begin.
         used: microphones that tell something, shape (M,), bool; what a dead one says is chance.
+        calibration: samples that `calibration.wav` is late.
     """
     return Mending(
         latency=zero.late,
-        calibration=_calibration(walk.survey),
+        calibration=calibration,
         sign=np.where(used, _signs(walk.direct, walk.echo), 1.0),
         offset=walk.levels.shifted & used,
         tones=walk.tones,
@@ -185,17 +212,6 @@ def _reversed(negative: float, echo: Echo) -> list[str]:
     ]
 
 
-def _calibration(survey: Survey) -> float:
-    """Return how many samples `calibration.wav` is late; 0 if there is none, or it is in time."""
-    if survey.direct != "calibration":
-        return 0.0
-    lags = time_zero.expected(survey.array, survey.probe, survey.speed_of_sound)
-    found = time_zero.direct_path_of(arrivals(survey.arrivals, survey.probe), lags)
-    if not np.isfinite(found.latency).any():
-        return 0.0
-    return float(time_zero.rounded(np.array([np.nanmedian(found.latency)]))[0])
-
-
 def _fundamental(tones: tuple[tuple[float, ...], ...], sample_rate: float) -> float:
     """Return the frequency of the mains in Hz, 0 if there is no hum."""
     lowest = [min(each) * sample_rate for each in tones if each]
@@ -220,7 +236,9 @@ def _told(mending: Mending, walk: Walk, *, zero: TimeZero) -> list[str]:
     if mending.latency.any():
         lines.append(f"{zero.line}; taken off")
     if mending.calibration:
-        lines.append(f"calibration.wav begins {mending.calibration:.1f} samples late; taken off")
+        begun = "late" if mending.calibration > 0 else "early"
+        lag = abs(mending.calibration)
+        lines.append(f"calibration.wav begins {lag:.1f} samples {begun}; taken off")
     if (mending.sign < 0).any():
         turned = naming.microphones(mending.sign < 0)
         lines.append(f"{turned} wired the other way; turned")

@@ -17,11 +17,11 @@ def microphones(which: ArrayLike) -> str:
     return f"microphone{'s' if len(found) > 1 else ''} {', '.join(map(str, found))}"
 
 
-def recordings(numbers: Sequence[int], which: ArrayLike) -> str:
+def recordings(numbers: Sequence[object], which: ArrayLike) -> str:
     """Return "recording 3" or "recordings 3, 4, 8" for which of them, shape (P,), bool.
 
     Args:
-        numbers: `index` of each in `poses.csv`.
+        numbers: `index` of each in `poses.csv`, or what else names it.
         which: those that are meant.
     """
     found = [str(numbers[place]) for place in np.flatnonzero(which).tolist()]

@@ -178,20 +178,12 @@ class Survey:
     @cached_property
     def noise_statistics(self) -> tuple[Array, Array] | tuple[None, None]:
         """Density and covariance of the noise alone, at the rate of what is read, if recorded."""
-        statistics = []
+        measured = []
         lengths = []
         for piece in self.noise():
-            statistics.append(signals.noise_statistics(self._resampled(piece)))
+            measured.append(signals.noise_statistics(self._resampled(piece)))
             lengths.append(piece.shape[1])
-        if not statistics:
-            return None, None
-        # Of a single piece, which most are, this is exactly what was measured.
-        shares = np.array(lengths) / sum(lengths)
-        psd, covariance = (
-            sum(share * each for share, each in zip(shares, parts, strict=True))
-            for parts in zip(*statistics, strict=True)
-        )
-        return psd, covariance
+        return signals.pooled(measured, lengths) if measured else (None, None)
 
     def noise(self) -> Iterator[Array]:
         """Read the noise alone, in pieces (M, n); none where it was not recorded.

@@ -115,13 +115,13 @@ class TimeZero:
 
 
 def time_zero_of(
-    direct: Direct, *, numbers: Sequence[int], used: Array, sample_rate: float, speed: float
+    direct: Direct, *, numbers: Sequence[object], used: Array, sample_rate: float, speed: float
 ) -> TimeZero:
     """Return what direct paths, fields (P, M), say together.
 
     Args:
         direct: of every recording.
-        numbers: `index` of each recording.
+        numbers: `index` of each recording, or what else names it.
         used: microphones that are used, shape (M,), bool.
         sample_rate: in Hz.
         speed: of sound, in m/s.
@@ -189,14 +189,14 @@ def _missing(direct: Direct, used: Array) -> Array:
 
 
 def _disagree(
-    off: Array, wrong: Array, *, numbers: Sequence[int], unit: _Unit, allowed: float
+    off: Array, wrong: Array, *, numbers: Sequence[object], unit: _Unit, allowed: float
 ) -> str:
     """Return the line on direct paths that do not agree with the others.
 
     Args:
         off: latency less that of the median microphone, shape (P, M).
         wrong: those that are too far off, shape (P, M), bool.
-        numbers: `index` of each recording.
+        numbers: `index` of each recording, or what else names it.
         unit: says lags.
         allowed: samples by which they may be off.
     """
@@ -216,13 +216,13 @@ def _disagree(
     )
 
 
-def _common(latency: Array, doubt: Array, *, numbers: Sequence[int], unit: _Unit) -> TimeZero:
+def _common(latency: Array, doubt: Array, *, numbers: Sequence[object], unit: _Unit) -> TimeZero:
     """Return what latencies (P,), each of all microphones, say together.
 
     Args:
         latency: NaN where it is not seen.
         doubt: standard deviation at each microphone, shape (P, M).
-        numbers: `index` of each recording.
+        numbers: `index` of each recording, or what else names it.
         unit: says lags.
     """
     seen = np.isfinite(latency)
@@ -236,9 +236,8 @@ def _common(latency: Array, doubt: Array, *, numbers: Sequence[int], unit: _Unit
         if not late.any():
             right = unit(max(abs(usual), 0.05))
             return TimeZero(f"the direct path is in time, within {right}{hidden}", late)
-        return TimeZero(
-            f"the direct path arrives {unit(usual)} later than geometry says{hidden}", late
-        )
+        when = f"{unit(abs(usual))} {'later' if usual > 0 else 'earlier'}"
+        return TimeZero(f"the direct path arrives {when} than geometry says{hidden}", late)
 
     lowest = unit(float(latency[seen].min()))
     highest = unit(float(latency[seen].max()))
