@@ -90,7 +90,7 @@ test-release: $(READY) ## run the tests that need fresh environments, a browser 
 
 coverage: $(READY) ## which lines and branches the tests reach
 	@rm -f .coverage .coverage.*
-	OMP_NUM_THREADS=1 $(BIN)/coverage run -m pytest -q $(SIDE_BY_SIDE)
+	COVERAGE_FILE=$(CURDIR)/.coverage OMP_NUM_THREADS=1 $(BIN)/coverage run -m pytest -q $(SIDE_BY_SIDE)
 	@$(BIN)/coverage combine --quiet && $(BIN)/coverage report --skip-covered --sort=cover
 
 lint: $(READY) ## ruff and mypy
