@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from echolearn.acoustics.geometry import circular_array, outline
+from echolearn.acoustics.geometry import circular_array
+from echolearn.acoustics.rooms import outline
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Pose, Room
 from echolearn.survey.audio import wav_bytes

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import reference
-from echolearn.acoustics import geometry
+from echolearn.acoustics import geometry, rooms
 from echolearn.acoustics.geometry import SearchWindow, circular_array, direction
 from echolearn.acoustics.types import MicArray, Pose, Room
 from reference import RATE, RING
@@ -60,15 +60,15 @@ def test_arrays_are_equal_by_their_positions_which_cannot_be_changed():
 
 def test_images_of_a_point_by_hand_but_for_walls_that_do_not_reflect():
     expected = [[-1, 2, 3], [19, 2, 3], [1, -2, 3], [1, 14, 3], [1, 2, -3], [1, 2, 9]]
-    assert np.array_equal(geometry.first_order_images(ROOM, HERE), expected)
+    assert np.array_equal(rooms.first_order_images(ROOM, HERE), expected)
     planar = replace(ROOM, walls=(1.0, 0.5, 0.0, 1.0, 0.0, 0.0))
-    assert np.array_equal(geometry.first_order_images(planar, HERE), np.array(expected)[[0, 1, 3]])
+    assert np.array_equal(rooms.first_order_images(planar, HERE), np.array(expected)[[0, 1, 3]])
 
 
 def test_true_echoes_by_hand():
     """The loudspeaker 1 m from x=0, 4 m from both y walls, 3 m from floor and ceiling; microphone 1
     looks along x."""
-    truth = geometry.true_echoes(ROOM, Pose(np.array([1.0, 4.0, 3.0])), array=RING)
+    truth = rooms.true_echoes(ROOM, Pose(np.array([1.0, 4.0, 3.0])), array=RING)
     side, above = math.hypot(8, 0.2), math.hypot(6, 0.2)
     assert np.allclose(truth.toa * 343.0, [2.2, 17.8, side, side, above, above])
     assert np.allclose(np.cos(truth.azimuth[:4]), [-1, 1, 0, 0], atol=1e-12)
@@ -81,7 +81,7 @@ def test_map_points_of_true_echoes_are_the_feet_of_the_walls(place, heading, off
     """Exact, whatever the distance, the heading and the place of microphone 1: not a far-field
     approximation. So turning the robot turns the azimuths back and leaves the map."""
     array = circular_array(offset=offset)
-    truth = geometry.true_echoes(ROOM, Pose(place, heading), array=array)
+    truth = rooms.true_echoes(ROOM, Pose(place, heading), array=array)
     microphone = reference.microphones(array.positions, place, heading)[0]
     paths = [np.linalg.norm(image - microphone) for image in reference.images(ROOM.size, place)]
     assert np.allclose(truth.toa * 343.0, paths, rtol=1e-12)
@@ -112,14 +112,14 @@ def test_the_far_field_form_is_its_limit_and_the_authors_is_not(distance, azimut
 
 
 def test_the_outline_runs_anticlockwise_and_distances_to_it_are_those_by_hand():
-    corners = geometry.outline(ROOM)
+    corners = rooms.outline(ROOM)
     x, y = corners.T
     assert 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) == 80.0
     points = [[1, 4], [9.75, 4], [5, 7], [0, 3], [-3, -4], [12, 4], [5, 4]]
-    found = geometry.distance_to_outline(np.array(points), corners)
+    found = rooms.distance_to_outline(np.array(points), corners)
     assert np.allclose(found, [1, 0.25, 1, 0, 5, 2, 4])
     triangle = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])
-    assert geometry.distance_to_outline(np.array([4.0, 3.0]), triangle) == pytest.approx(2.4)
+    assert rooms.distance_to_outline(np.array([4.0, 3.0]), triangle) == pytest.approx(2.4)
 
 
 # ---------------------------------------------------------------- search window
@@ -143,7 +143,7 @@ def test_the_general_window_holds_every_wall_in_range(distance, azimuth):
 
 
 def inside(x, y, z):
-    geometry.check_inside(ROOM, Pose(np.array([x, y, z])), array=RING)
+    rooms.check_inside(ROOM, Pose(np.array([x, y, z])), array=RING)
 
 
 @pytest.mark.parametrize(

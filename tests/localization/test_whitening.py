@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from echolearn.acoustics import signals
-from echolearn.acoustics.geometry import true_echoes
+from echolearn.acoustics.rooms import true_echoes
 from echolearn.acoustics.types import Observation, Pose, Room
 from echolearn.localization import faults, whitening
 from echolearn.localization.methods.em import Em

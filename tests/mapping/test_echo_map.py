@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from echolearn.acoustics.geometry import circular_array, distance_to_outline, outline, true_echoes
+from echolearn.acoustics.geometry import circular_array
+from echolearn.acoustics.rooms import distance_to_outline, outline, true_echoes
 from echolearn.acoustics.types import Array, Echoes, Pose, Room
 from echolearn.checks import BadValue
 from echolearn.mapping.echo_map import echo_map

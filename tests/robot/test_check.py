@@ -15,13 +15,8 @@ import pytest
 from PIL import Image
 
 from by_hand import edit
-from echolearn.acoustics.geometry import (
-    SearchWindow,
-    circular_array,
-    microphone_positions,
-    outline,
-    true_echoes,
-)
+from echolearn.acoustics.geometry import SearchWindow, circular_array, microphone_positions
+from echolearn.acoustics.rooms import outline, true_echoes
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.checks import BadValue

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echolearn.acoustics.geometry import SearchWindow, outline
+from echolearn.acoustics.geometry import SearchWindow
+from echolearn.acoustics.rooms import outline
 from echolearn.comparison.evaluate import evaluate_survey
 from echolearn.comparison.localized import localize_survey
 from echolearn.localization.methods.gated import Gated

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from echolearn.acoustics.geometry import outline
+from echolearn.acoustics.rooms import outline
 from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue
 from echolearn.comparison.localized import localize_survey

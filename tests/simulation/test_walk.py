@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from echolearn.acoustics.geometry import outline
+from echolearn.acoustics.rooms import outline
 from echolearn.acoustics.types import Room
 from echolearn.evaluation.coverage import attainable
 from echolearn.simulation.walk import trajectory

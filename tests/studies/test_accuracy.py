@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from echolearn.acoustics.geometry import SearchWindow, circular_array, true_echoes
+from echolearn.acoustics.geometry import SearchWindow, circular_array
+from echolearn.acoustics.rooms import true_echoes
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Pose, Room
 from echolearn.checks import BadValue

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from echolearn.acoustics.geometry import true_echoes
+from echolearn.acoustics.rooms import true_echoes
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from by_hand import ARRAY, CONDITIONS, FILES, POSES, PROBE, ROOM, SAMPLES, edit
-from echolearn.acoustics.geometry import outline
+from echolearn.acoustics.rooms import outline
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.survey import reader

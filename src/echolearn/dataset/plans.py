@@ -13,7 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from echolearn.acoustics.geometry import SearchWindow, check_inside
+from echolearn.acoustics.geometry import SearchWindow
+from echolearn.acoustics.rooms import check_inside
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.checks import (
     BadValue,

@@ -9,7 +9,7 @@ A new metric of maps is an entry of `evaluate_map`.
 
 import numpy as np
 
-from echolearn.acoustics.geometry import distance_to_outline
+from echolearn.acoustics.rooms import distance_to_outline
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import coverage
 from echolearn.evaluation.metrics import (

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from echolearn.acoustics.geometry import check_inside, true_echoes
+from echolearn.acoustics.rooms import check_inside, true_echoes
 from echolearn.acoustics.types import Array, Observation, Pose, Room, Truth
 from echolearn.checks import check_number
 from echolearn.simulation.levels import NoiseLevels, noises

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn.acoustics.geometry import check_inside, outline
+from echolearn.acoustics.rooms import check_inside, outline
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Pose, Room
 from echolearn.checks import BadValue, check, check_name, check_number, check_whole

@@ -11,7 +11,7 @@ of the attainable.
 
 import numpy as np
 
-from echolearn.acoustics.geometry import outline
+from echolearn.acoustics.rooms import outline
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Pose, Room
 from echolearn.checks import check

@@ -9,7 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from echolearn.acoustics.geometry import SearchWindow, check_inside
+from echolearn.acoustics.geometry import SearchWindow
+from echolearn.acoustics.rooms import check_inside
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Pose, Room
