@@ -27,6 +27,7 @@ from echolearn.simulation.noise.rotor import Rotor
 from echolearn.simulation.survey import survey
 from echolearn.survey import audio, reader
 from echolearn.survey.poses import poses_csv
+from echolearn.survey.survey import BLOCK, blocks
 from world import HALL, POSES, World, plans
 
 Localized = Callable[..., LocalizedSurvey]
@@ -62,7 +63,7 @@ def test_blocks_of_recordings_give_what_all_of_them_give(
     observation = read.observe(range(POSES))
     echoes, columns = localize(observation, world.arguments["localizers"]["gated"])
     placed = echo_map(echoes, read.poses, array=observation.array, speed_of_sound=343.0)
-    assert reader.BLOCK < POSES == len(gated.points)
+    assert BLOCK < POSES == len(gated.points)
     assert np.allclose(gated.points, placed.points, atol=1e-5)
     assert np.array_equal(gated.poses, placed.poses)
     assert set(gated.columns) == set(columns)
@@ -98,7 +99,7 @@ def test_few_long_recordings_are_held_together(walk: Path, tmp_path: Path) -> No
     localizer = Counted()
     assert len(localize_survey(folder, localizer, name="snls", resamples=2).points) == 5
     assert localizer.given == [2, 2, 1]
-    assert reader.blocks(reader.read_survey(walk)) == [range(32), range(32, 36)]
+    assert blocks(reader.read_survey(walk)) == [range(32), range(32, 36)]
 
 
 def test_true_is_what_lies_within_ten_centimetres_of_a_wall(comparison: Comparison) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from echolearn.checks import BadValue
-from echolearn.comparison import choice, drawings, figures, report, tables
+from echolearn.comparison import choice, drawings, figures, report, tables, template
 from echolearn.comparison.choice import Comparison
 from echolearn.comparison.tables import placed
 from echolearn.evaluation.rows import Row, pick
@@ -138,7 +138,7 @@ def test_every_cell_of_the_generalisation_table_is_there(page: Page, rows: list[
     cells = pick(rows, kind="set", metric="auc", snr_db="")
     assert len(cells) == 3 * (3 + 2 + 1)
     for cell in cells:
-        assert report.interval(cell) in page.text
+        assert template.interval(cell) in page.text
 
 
 # ---------------------------------------------------------------- what is drawn
@@ -246,7 +246,7 @@ def test_rooms_may_be_walked_at_different_snrs(comparison: Comparison) -> None:
     facts = tables.gather(replace(comparison, surveys=surveys, rows=rows))
     images = dict.fromkeys(("maps_first", "quality", "arrival_times", "directions", "bands"), "")
     about = {"name": "", "images": images | {"belief": ""}, "machine": report.machine()}
-    page = Page(report.template("report.html").render(facts | about))
+    page = Page(template.template("report.html").render(facts | about))
     assert "In 6x5x4 at -10 dB" in page.text and "In barn at -5 dB" in page.text
     assert "In shed" not in page.text
     for room, filled in (("6x5x4", [0, 1]), ("barn", [2]), ("shed", [3])):
@@ -267,23 +267,23 @@ def test_rooms_may_be_walked_at_different_snrs(comparison: Comparison) -> None:
 def test_figures_are_rounded_and_undefined_ones_left_out(
     value: Any, percent: str, figure: str
 ) -> None:
-    assert (report.number(value, 100, 0), report.number(value)) == (percent, figure)
+    assert (template.number(value, 100, 0), template.number(value)) == (percent, figure)
 
 
 def test_an_interval_is_shown_where_there_is_one_and_a_difference_has_a_sign() -> None:
     row = {"value": 0.756, "ci_low": 0.7, "ci_high": 0.81}
-    assert report.interval(row) == "0.76 [0.70, 0.81]"
-    assert report.interval(row, 100, 0) == "76 [70, 81]"
-    assert report.interval(row | {"ci_low": NAN, "ci_high": NAN}) == "0.76"
-    assert report.interval(row | {"value": NAN}) == report.interval(None) == ""
+    assert template.interval(row) == "0.76 [0.70, 0.81]"
+    assert template.interval(row, 100, 0) == "76 [70, 81]"
+    assert template.interval(row | {"ci_low": NAN, "ci_high": NAN}) == "0.76"
+    assert template.interval(row | {"value": NAN}) == template.interval(None) == ""
     test = {"difference": 0.031, "ci_low": -0.002, "ci_high": 0.06}
-    assert report.signed(test) == "+3.1 [-0.2, +6.0]"
+    assert template.signed(test) == "+3.1 [-0.2, +6.0]"
 
 
 def test_worse_than_a_coin_is_red_and_better_is_blue() -> None:
-    assert report.shade(0.5).endswith(" 0.00)")
-    assert report.shade(1.0) == "rgba(0, 114, 178, 0.42)"
-    assert report.shade(0.25) == "rgba(213, 94, 0, 0.21)"
+    assert template.shade(0.5).endswith(" 0.00)")
+    assert template.shade(1.0) == "rgba(0, 114, 178, 0.42)"
+    assert template.shade(0.25) == "rgba(213, 94, 0, 0.21)"
 
 
 def test_the_machine_is_described() -> None:

@@ -13,11 +13,11 @@ from echolearn.bench import equations
 from echolearn.localization import features
 from echolearn.localization.beamforming import azimuth_grid
 from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, TENSORS
-from echolearn.localization.faults import SilentMicrophone
 from echolearn.localization.localize import localize
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
+from echolearn.localization.silence import SilentMicrophone
 from reference import FIRST, LAST, RATE, loops, observed, wave, white
 
 PROBE = noise_probe(length=4000)

@@ -13,12 +13,12 @@ import echolearn.localization.methods
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, MicArray, Observation
-from echolearn.localization.faults import SilentMicrophone
 from echolearn.localization.localize import localize
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.peaks import Peaks
 from echolearn.localization.methods.snls import Snls
+from echolearn.localization.silence import SilentMicrophone
 from reference import FIRST, LAST, RATE, RING, observed, turn, wave, white
 from refusals import refused
 

@@ -10,8 +10,8 @@ from echolearn.acoustics import signals
 from echolearn.acoustics.types import Echoes, Room
 from echolearn.bench.equations import relative
 from echolearn.localization.beamforming import azimuth_grid
-from echolearn.localization.faults import SilentMicrophone
 from echolearn.localization.methods.joint import Joint
+from echolearn.localization.silence import SilentMicrophone
 from echolearn.localization.spatial import LOADING, spatial
 from echolearn.localization.whitening import shared_noise, whitened
 from echolearn.simulation.noise.diffuse import coherence

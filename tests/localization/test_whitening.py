@@ -10,7 +10,7 @@ from scipy.signal import butter, sosfilt
 from echolearn.acoustics import signals
 from echolearn.acoustics.rooms import true_echoes
 from echolearn.acoustics.types import Observation, Pose, Room
-from echolearn.localization import faults, whitening
+from echolearn.localization import silence, whitening
 from echolearn.localization.methods.em import Em
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
@@ -126,7 +126,7 @@ def test_weights_are_one_over_the_noise_but_not_for_the_faintest():
     levels = np.array([1.0, 1.0, 1.0, 3.0, 0.1, 0.0])[:, None]
     noise = levels * np.random.default_rng(3).standard_normal((6, 20_000))
     batch = observed(signals.noise_probe(), noise)
-    silent = faults.silent_microphones(batch.samples)
+    silent = silence.silent_microphones(batch.samples)
     expected = [1, 1, 1, 1 / 9, whitening.LARGEST_WEIGHT, 0]
     assert silent.tolist() == [[False] * 5 + [True]]
     assert np.allclose(whitening.noise_weights(batch, silent)[0], expected, rtol=0.1)

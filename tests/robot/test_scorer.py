@@ -18,6 +18,7 @@ from echolearn.classifiers.inputs import stack_inputs
 from echolearn.comparison.localized import localize_survey
 from echolearn.robot.scorer import BLOCK, ScoredEchoes, Scorer, load
 from echolearn.survey import reader
+from echolearn.survey.survey import Survey
 from echolearn.training.predictions import load_scorer, predict
 from echolearn.training.runs import Run, load_runs
 from world import POSES, World, pack, train
@@ -31,17 +32,17 @@ def scorer(packed: Path) -> Scorer:
 
 
 @pytest.fixture(scope="module")
-def walk(world: World) -> reader.Survey:
+def walk(world: World) -> Survey:
     return reader.read_survey(world.runs / "survey" / WALK)
 
 
 @pytest.fixture(scope="module")
-def observation(walk: reader.Survey) -> Observation:
+def observation(walk: Survey) -> Observation:
     return walk.observe(range(POSES))
 
 
 @pytest.fixture(scope="module")
-def scored(scorer: Scorer, walk: reader.Survey, observation: Observation) -> ScoredEchoes:
+def scored(scorer: Scorer, walk: Survey, observation: Observation) -> ScoredEchoes:
     return scorer.score(observation, walk.poses)
 
 
@@ -75,7 +76,7 @@ def test_points_and_confidences_are_the_laboratorys(
 
 
 def test_pose_by_pose_the_same_points_come_out(
-    scorer: Scorer, scored: ScoredEchoes, walk: reader.Survey, observation: Observation
+    scorer: Scorer, scored: ScoredEchoes, walk: Survey, observation: Observation
 ) -> None:
     steps = [
         scorer.update(replace(observation, samples=observation.samples[k]), walk.poses[k])
@@ -89,7 +90,7 @@ def test_pose_by_pose_the_same_points_come_out(
 
 
 def test_a_gain_and_a_softer_copy_of_the_probe_change_nothing(
-    scorer: Scorer, scored: ScoredEchoes, walk: reader.Survey, observation: Observation
+    scorer: Scorer, scored: ScoredEchoes, walk: Survey, observation: Observation
 ) -> None:
     softer = replace(observation.probe, samples=observation.probe.samples * 0.25)
     given = replace(observation, samples=3.0 * observation.samples, probe=softer)
@@ -99,7 +100,7 @@ def test_a_gain_and_a_softer_copy_of_the_probe_change_nothing(
 
 @pytest.mark.parametrize("dtype", [np.int16, np.int32, np.float16, np.float32])
 def test_samples_of_any_real_dtype_give_the_points_of_floats(
-    dtype: type, scorer: Scorer, scored: ScoredEchoes, walk: reader.Survey, observation: Observation
+    dtype: type, scorer: Scorer, scored: ScoredEchoes, walk: Survey, observation: Observation
 ) -> None:
     """As a sound card gives them, filling the range of 16 bits, whose squares would wrap around."""
     few = observation.samples[:4]
@@ -113,7 +114,7 @@ def test_samples_of_any_real_dtype_give_the_points_of_floats(
 
 
 def test_recordings_of_another_robot_are_refused(
-    scorer: Scorer, walk: reader.Survey, observation: Observation
+    scorer: Scorer, walk: Survey, observation: Observation
 ) -> None:
     probe, positions = observation.probe, observation.array.positions
     silent = observation.samples.copy()
@@ -139,7 +140,7 @@ def test_recordings_of_another_robot_are_refused(
 
 
 def test_an_array_mounted_at_an_angle_finds_the_same_walls(
-    scorer: Scorer, scored: ScoredEchoes, walk: reader.Survey, observation: Observation
+    scorer: Scorer, scored: ScoredEchoes, walk: Survey, observation: Observation
 ) -> None:
     """The same recordings by a robot whose x axis points elsewhere: the same points."""
     turn = 0.6
@@ -170,7 +171,7 @@ def test_inputs_that_are_none_are_refused(scorer: Scorer, x: Array, message: str
 
 
 def test_tensors_travel_too(
-    world: World, tmp_path: Path, walk: reader.Survey, observation: Observation
+    world: World, tmp_path: Path, walk: Survey, observation: Observation
 ) -> None:
     net = {"_target_": "echolearn.classifiers.architectures.CovarianceNet"}
     keys = {

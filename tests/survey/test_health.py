@@ -22,7 +22,8 @@ from echolearn.survey import audio
 from echolearn.survey.health import Health, examine, mended
 from echolearn.survey.mending import taken_off
 from echolearn.survey.poses import poses_csv
-from echolearn.survey.reader import Survey, read_survey
+from echolearn.survey.reader import read_survey
+from echolearn.survey.survey import Survey
 
 PROBE = noise_probe(length=8000)
 ARRAY = circular_array()

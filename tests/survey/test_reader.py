@@ -12,7 +12,6 @@ from by_hand import ARRAY, CONDITIONS, FILES, POSES, PROBE, ROOM, SAMPLES, edit
 from echolearn.acoustics.rooms import outline
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
-from echolearn.survey import reader
 from echolearn.survey.audio import wav_bytes
 from echolearn.survey.direct_path import delayed
 from echolearn.survey.reader import read_survey
@@ -150,7 +149,7 @@ def test_noise_in_pieces_is_all_of_it_and_measured_as_a_whole(
     noise = np.random.default_rng(2).standard_normal((3, 100_000)).astype(np.float32)
     (folder / "noise.wav").write_bytes(wav_bytes(noise, 22050.0))
     psd, covariance = read_survey(folder).noise_statistics
-    monkeypatch.setattr(reader, "SAMPLES", 90_000)
+    monkeypatch.setattr("echolearn.survey.survey.SAMPLES", 90_000)
     pieces = [*read_survey(folder).noise()]
     assert [piece.shape[1] for piece in pieces] == [33333, 33333, 33334]
     assert np.array_equal(np.concatenate(pieces, axis=1), noise)

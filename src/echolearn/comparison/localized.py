@@ -17,6 +17,7 @@ from echolearn.localization.localize import localize
 from echolearn.localization.localizer import Localizer
 from echolearn.mapping.echo_map import echo_map
 from echolearn.survey import reader
+from echolearn.survey.survey import blocks
 
 
 def localize_survey(
@@ -43,7 +44,7 @@ def localize_survey(
     columns = defaultdict(list)
     about: Any = {"array": survey.array, "speed_of_sound": survey.speed_of_sound}
     # Recordings are localized in blocks, because those of a long walk would not fit into memory.
-    for block in reader.blocks(survey):
+    for block in blocks(survey):
         echoes, found = localize(survey.observe(block), localizer)
         placed = echo_map(echoes, survey.poses[block.start : block.stop], **about)
         points.append(placed.points)

@@ -21,7 +21,7 @@ import numpy as np
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import direction, far_field_delays
 from echolearn.acoustics.types import Array, MicArray, Observation
-from echolearn.localization.faults import alike
+from echolearn.localization.silence import alike
 
 
 def azimuth_grid(azimuths: int) -> Array:

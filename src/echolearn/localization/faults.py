@@ -1,35 +1,30 @@
-"""Faults of recordings: what no estimator can use is refused by name, what some survive is told.
+"""Faults of recordings that no estimator can use: each is refused by name.
 
-Refused: a number of channels that is not the array's, a sample rate that is not the probe's, NaN
-and infinity, a clipped channel, a search window outside the recording. Told by a warning: a silent
-microphone, that is, one whose power is 40 dB below the median of its neighbours or whose samples
-never change. An estimator that can do without it leaves it out; one that has only microphone 1
-refuses if it is that one.
+A number of channels that is not the array's, a sample rate that is not the probe's, NaN and
+infinity, a clipped channel, a search window outside the recording. What some estimators survive,
+a silent microphone, is told instead (`silence`).
 """
-
-import warnings
-from collections.abc import Iterator
 
 import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, Observation
 from echolearn.checks import check, check_finite
-from echolearn.localization.correlations import PAD
-
-SILENT = 1e-4
-"""Power relative to the median microphone below which one counts as silent."""
+from echolearn.localization.silence import energies, stuck
 
 CLIPPED = 0.01
 """Share of samples at the largest magnitude above which a channel counts as clipped."""
 
 
-class SilentMicrophone(UserWarning):
-    """A microphone is silent and is left out."""
-
-
-def check_recordings(observation: Observation, window: SearchWindow) -> tuple[int, int]:
+def check_recordings(
+    observation: Observation, window: SearchWindow, *, beyond: int
+) -> tuple[int, int]:
     """Check recordings (B, M, N) and return the first and last lag of the search window.
+
+    Args:
+        observation: the recordings.
+        window: where echoes are sought.
+        beyond: lags behind the window that are read, too.
 
     Raises:
         BadValue: see the module's header.
@@ -43,7 +38,7 @@ def check_recordings(observation: Observation, window: SearchWindow) -> tuple[in
     samples = observation.samples
     length = samples.shape[-1]
     check(
-        last + PAD < length,
+        last + beyond < length,
         "window.farthest",
         f"{window.farthest} m",
         allowed=f"echoes must arrive within the recording of {length} samples",
@@ -98,53 +93,3 @@ def check_clipping(samples: Array) -> None:
         allowed="samples must not be clipped",
         hint="record with less gain",
     )
-
-
-def energies(samples: Array) -> Array:
-    """Return the energy of recordings (B, M, N), shape (B, M), not finite if a sample is not."""
-    # Who calls asks whether it is finite: a warning would say it twice.
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.vecdot(samples, samples)
-
-
-def stuck(samples: Array) -> Array:
-    """Tell which recordings (B, M, N) never change, shape (B, M), bool."""
-    # Most do change within every 31st sample, so the whole is read only where these are alike.
-    still = np.ptp(samples[..., ::31], axis=-1) == 0
-    still[still] = np.ptp(samples[still], axis=-1) == 0
-    return still
-
-
-def silent_microphones(samples: Array) -> Array:
-    """Tell which microphones of (B, M, N) are silent, shape (B, M), bool; none where all are."""
-    energy = energies(samples)
-    quiet = (energy <= SILENT * np.median(energy, axis=-1, keepdims=True)) | stuck(samples)
-    return quiet & ~quiet.all(axis=-1, keepdims=True)
-
-
-def alike(silent: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield recordings with the same silent microphones (B, M): their rows, and which these are."""
-    for pattern in np.unique(silent, axis=0):
-        yield np.flatnonzero((silent == pattern).all(axis=-1)), pattern
-
-
-def warn_of_silent(silent: Array, *, reference: bool) -> None:
-    """Warn of silent microphones, (B, M); refuse them if the first is one and is the `reference`.
-
-    Raises:
-        BadValue: microphone 1 is silent and needed.
-    """
-    if not silent.any():
-        return
-    check(
-        not (reference and silent[:, 0].any()),
-        "observation.samples",
-        "silence at microphone 1",
-        allowed="this localizer takes times from microphone 1 alone",
-        hint="localizer=joint and localizer=em, or a bundle trained with one of them, need it not",
-    )
-    names = ", ".join(str(channel + 1) for channel in np.flatnonzero(silent.any(axis=0)))
-    rows = f"{int(silent.any(axis=-1).sum())} of {len(silent)} observations"
-    message = f"observation.samples: microphone {names} is silent in {rows} and is left out there"
-    # Levels: this function, `prepare`, the localizer, whoever called it.
-    warnings.warn(message, SilentMicrophone, stacklevel=4)

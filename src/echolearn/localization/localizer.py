@@ -11,8 +11,8 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.checks import check, check_choice, check_fields
 from echolearn.localization.correlations import PAD
-from echolearn.localization.faults import warn_of_silent
 from echolearn.localization.matched_filter import MatchedFilter, check_echoes
+from echolearn.localization.silence import warn_of_silent
 from echolearn.localization.whitening import whitened
 
 RANGES = {

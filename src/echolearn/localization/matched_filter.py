@@ -15,9 +15,10 @@ from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import SearchWindow, relative_delays
 from echolearn.acoustics.types import Array, Observation
 from echolearn.checks import check, check_whole
-from echolearn.localization import faults
 from echolearn.localization.beamforming import direction_grid
 from echolearn.localization.correlations import PAD, steered_response
+from echolearn.localization.faults import check_recordings
+from echolearn.localization.silence import silent_microphones
 
 PEAK_SPACING = 5
 """Lags between two peaks of a correlation that count as two, and so those an echo takes."""
@@ -48,7 +49,7 @@ class MatchedFilter:
     last: int = field(init=False)
 
     def __post_init__(self) -> None:
-        first, last = faults.check_recordings(self.observation, self.window)
+        first, last = check_recordings(self.observation, self.window, beyond=PAD)
         object.__setattr__(self, "first", first)
         object.__setattr__(self, "last", last)
 
@@ -60,7 +61,7 @@ class MatchedFilter:
     @cached_property
     def silent(self) -> Array:
         """Microphones that are silent, shape (B, M), bool."""
-        return faults.silent_microphones(self.observation.samples)
+        return silent_microphones(self.observation.samples)
 
     @cached_property
     def padded(self) -> Array:

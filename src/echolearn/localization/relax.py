@@ -24,8 +24,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.localization.faults import energies
 from echolearn.localization.search import Peak, Search
+from echolearn.localization.silence import energies
 
 ROUNDS = 50
 """Most rounds of RELAX after each new echo."""

@@ -17,7 +17,7 @@ import numpy as np
 from echolearn.acoustics import signals
 from echolearn.acoustics.types import Array, Observation, Probe
 from echolearn.checks import check, check_finite
-from echolearn.localization import faults
+from echolearn.localization.silence import energies, silent_microphones
 
 LARGEST_WEIGHT = 4.0
 """Weight of a microphone relative to the median one: little noise may mean that it is covered."""
@@ -52,7 +52,7 @@ def whitened(observation: Observation, *, samples: int | None = None) -> Observa
     needed = None if samples is None else samples + 2 * len(shape)
     recordings = signals.whiten(observation.samples[..., :needed], shape)
     # It would wake up a stuck microphone.
-    recordings[faults.silent_microphones(observation.samples)] = 0.0
+    recordings[silent_microphones(observation.samples)] = 0.0
 
     return replace(
         observation,
@@ -105,7 +105,7 @@ def noise_variance(observation: Observation) -> Array:
     if observation.noise_psd is not None:
         return np.broadcast_to(density(observation).mean(axis=-1), samples.shape[:-1])
     tail = samples[..., -(samples.shape[-1] // 4) :]
-    return faults.energies(tail) / tail.shape[-1]
+    return energies(tail) / tail.shape[-1]
 
 
 def noise_weights(observation: Observation, silent: Array) -> Array:

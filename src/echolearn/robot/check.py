@@ -23,7 +23,7 @@ from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.once import locked
 from echolearn.survey.health import examine
 from echolearn.survey.proof import read_proved
-from echolearn.survey.reader import Survey
+from echolearn.survey.survey import Survey
 
 PAGE = "check.html"
 

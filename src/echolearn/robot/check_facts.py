@@ -11,7 +11,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.survey.health import Health
-from echolearn.survey.reader import Survey
+from echolearn.survey.survey import Survey
 
 HEADINGS = (
     "microphone",

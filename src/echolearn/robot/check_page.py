@@ -16,7 +16,7 @@ from echolearn.robot.check_facts import HEADINGS, UNSEEN, Facts, middle
 from echolearn.robot.png import data_url, palette
 from echolearn.robot.waterfall import HIGHEST, LOWEST, Waterfall
 from echolearn.survey.health import Health
-from echolearn.survey.reader import Survey
+from echolearn.survey.survey import Survey
 
 SIGNS = {"fine": "&#10003;", "told": "!", "bad": "&#10005;"}
 

@@ -16,7 +16,7 @@ from echolearn.checks import BadValue, check, check_list, check_number, check_wh
 from echolearn.robot.compatibility import mount_angle
 from echolearn.survey.direct_path import REMOVALS
 from echolearn.survey.proof import read_proved
-from echolearn.survey.reader import CALIBRATION, Survey
+from echolearn.survey.survey import CALIBRATION, Survey
 
 if TYPE_CHECKING:
     from echolearn.robot.bundle import Bundle

@@ -31,7 +31,7 @@ from echolearn.storage.once import once
 from echolearn.survey.audio import LARGEST, check_size
 from echolearn.survey.health import examine, mended
 from echolearn.survey.proof import used
-from echolearn.survey.reader import Survey, blocks
+from echolearn.survey.survey import Survey, blocks
 
 Fields = TypeVar("Fields")
 

@@ -22,7 +22,7 @@ from echolearn.localization.beamforming import direction_grid
 from echolearn.localization.correlations import PAD, advance, steered_response
 from echolearn.robot.png import LEVELS
 from echolearn.survey.health import Health
-from echolearn.survey.reader import Survey, blocks
+from echolearn.survey.survey import Survey, blocks
 
 LOWEST, HIGHEST = 4.0, 28.0
 """dB over the median at which colours begin and end: noise alone reaches 13."""

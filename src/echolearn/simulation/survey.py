@@ -28,9 +28,10 @@ from echolearn.simulation.walk import trajectory
 from echolearn.storage import journal, manifests
 from echolearn.storage.identity import plain
 from echolearn.storage.once import once
-from echolearn.survey import audio, reader
+from echolearn.survey import audio
 from echolearn.survey.description import description_bytes
 from echolearn.survey.poses import poses_csv
+from echolearn.survey.survey import NOISE
 
 BEGUN = "simulated.json"
 """Written first: what the survey is made from, and the sign that its recordings are simulated."""
@@ -139,7 +140,7 @@ def noise_length(scene: Scene, seconds: float | None) -> float:
         "noise_seconds",
         f"{seconds:g} s",
         allowed=f"must be 0 (none), or from {bounds} of {channels} microphones",
-        hint=f"{reader.NOISE} is as long as a recording, and has at most {audio.LARGEST >> 20} MiB",
+        hint=f"{NOISE} is as long as a recording, and has at most {audio.LARGEST >> 20} MiB",
     )
     return float(seconds)
 
@@ -207,7 +208,7 @@ def _record(
         return audio.wav_bytes(observation.samples, probe.sample_rate)
 
     if seconds:
-        yield reader.NOISE, alone
+        yield NOISE, alone
     names = []
     for index, pose in enumerate(track(walk, "survey", unit="poses")):
         names.append(f"observations/{index:04d}.wav")

@@ -24,8 +24,8 @@ from echolearn.acoustics.rooms import distance_to_outline, outline, true_echoes
 from echolearn.acoustics.types import Array, Observation, Pose, Room
 from echolearn.checks import BadValue
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
-from echolearn.localization.faults import SilentMicrophone
 from echolearn.localization.localizer import Localizer
+from echolearn.localization.silence import SilentMicrophone
 from echolearn.simulation.scene import Scene
 
 METRICS = ("toa", "doa", "doa_any", "on_map")

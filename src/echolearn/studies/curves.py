@@ -16,7 +16,7 @@ from echolearn.comparison.figures import (
     paint_intervals,
     styled,
 )
-from echolearn.comparison.report import template
+from echolearn.comparison.template import template
 from echolearn.evaluation.rows import Row, distinct, pick, to_csv
 
 FORMAT = 6

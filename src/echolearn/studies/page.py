@@ -8,7 +8,7 @@ import csv
 import shlex
 from pathlib import Path
 
-from echolearn.comparison.report import template
+from echolearn.comparison.template import template
 from echolearn.evaluation.rows import distinct
 from echolearn.storage import files, manifests
 from echolearn.storage.marked_page import Markers, around, write_between

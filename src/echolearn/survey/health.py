@@ -23,7 +23,7 @@ from echolearn.survey.channels import judge_channels
 from echolearn.survey.echoes import Echo
 from echolearn.survey.measuring import Walk, decibels, measure_walk
 from echolearn.survey.mending import Mending
-from echolearn.survey.reader import CALIBRATION, Survey
+from echolearn.survey.survey import CALIBRATION, Survey
 from echolearn.survey.time_zero import Direct, TimeZero
 
 SURE = 0.9

@@ -10,7 +10,7 @@ from echolearn.survey import echoes, levels, time_zero
 from echolearn.survey.arrivals import arrivals
 from echolearn.survey.echoes import Echo
 from echolearn.survey.levels import Levels
-from echolearn.survey.reader import Survey
+from echolearn.survey.survey import Survey
 from echolearn.survey.time_zero import Direct
 
 Row = TypeVar("Row", bound=tuple[Any, ...])

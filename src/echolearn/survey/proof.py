@@ -14,7 +14,8 @@ from echolearn.storage.files import check_file
 from echolearn.survey.audio import LARGEST
 from echolearn.survey.description import LARGEST_YAML
 from echolearn.survey.poses import LARGEST_CSV
-from echolearn.survey.reader import CALIBRATION, NOISE, Survey, read_survey
+from echolearn.survey.reader import read_survey
+from echolearn.survey.survey import CALIBRATION, NOISE, Survey
 
 LIMITS = {
     "survey.yaml": LARGEST_YAML,

@@ -26,10 +26,10 @@ from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.correlations import advance
 from echolearn.localization.estimates import joint_echoes
-from echolearn.localization.faults import energies
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.search import Peak, joint_search, reference_search
+from echolearn.localization.silence import energies
 from echolearn.localization.whitening import noise_variance
 from echolearn.storage.identity import LATER
 

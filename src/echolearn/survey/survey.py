@@ -1,0 +1,225 @@
+"""A recorded walk: what is known of it, and how its recordings are read.
+
+Each recording is read when it is asked for, and passes these steps: the gains of the microphones,
+mending (`mending.py`), removal of the direct path (`direct_path.py`), another sample rate. What
+describes the walk has been read and checked before (`reader.py`).
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echolearn.acoustics import signals
+from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Probe
+from echolearn.checks import check
+from echolearn.survey import audio, direct_path
+from echolearn.survey.mending import Mending, taken_off
+
+NOISE = "noise.wav"
+CALIBRATION = "calibration.wav"
+
+BLOCK = 32
+"""Recordings read together, at most."""
+
+SAMPLES = 1 << 22
+"""Samples of all microphones read together, at most, if more than one recording has."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A recorded walk.
+
+    Attributes:
+        folder: where it lies.
+        probe: what was emitted, at the rate of the recordings.
+        array: the microphones.
+        speed_of_sound: in m/s.
+        poses: P poses.
+        files: recording of each pose, relative to `folder`.
+        numbers: `index` of each pose in `poses.csv`.
+        walls: outline of the room, shape (C, 2), in m, or None.
+        conditions: what is known of the recording.
+        heading_bias_sd: standard deviation of an error that all headings share, in rad.
+        direct: how reading removes the direct path, one of `direct_path.REMOVALS`; None if the
+            recordings hold none.
+        rate: sample rate in Hz to which recordings and probe are brought when read; None leaves
+            them.
+        gains: factors of the microphones, shape (M,), 0 for one that is left out; None leaves them.
+        mending: what is mended in recordings before anything else looks at them (`health`).
+    """
+
+    folder: Path
+    probe: Probe
+    array: MicArray
+    speed_of_sound: float
+    poses: tuple[Pose, ...]
+    files: tuple[str, ...]
+    numbers: tuple[int, ...]
+    walls: Array | None
+    conditions: Mapping[str, Any]
+    heading_bias_sd: float = 0.0
+    direct: str | None = None
+    rate: float | None = None
+    gains: Array | None = None
+    mending: Mending | None = None
+
+    def observe(self, poses: Sequence[int]) -> Observation:
+        """Read the recordings of the numbered poses, samples (B, M, N), without the direct path.
+
+        What `noise.wav` tells of the noise goes with them, for localizers that whiten.
+
+        Raises:
+            BadValue: a recording that is missing, has another sample rate, number of channels or
+                length, or NaN; or such a calibration or noise.
+        """
+        samples = np.stack([self.mended(pose) for pose in poses])
+        if self.direct:
+            gain = direct_path.free_field(self.array) if self.direct == "analytic" else None
+            samples = direct_path.remove(samples, self._arrivals(poses), gain=gain)
+        psd, covariance = self.noise_statistics
+        return Observation(
+            samples=self._resampled(samples),
+            probe=self.emitted,
+            array=self.array,
+            speed_of_sound=self.speed_of_sound,
+            noise_psd=psd,
+            noise_covariance=covariance,
+        )
+
+    def mended(self, pose: int) -> Array:
+        """Return the recording of a pose as it should have been, shape (M, N)."""
+        samples = self.recording(pose)
+        return samples if self.mending is None else self.mending(samples, pose)
+
+    def _arrivals(self, poses: Sequence[int]) -> Array:
+        """Return the direct path as it is in some recordings, shape (M, N) or (B, M, N)."""
+        if self.mending is None or not (self.mending.latency < 0).any():
+            return self.arrivals
+        # What was lost is not there to be subtracted, nor does it tell the gain.
+        lost = -self.mending.latency[list(poses), None, None]
+        return np.where(np.arange(self.probe.length) >= lost, self.arrivals, 0.0)
+
+    @property
+    def used(self) -> Array:
+        """Microphones that are not left out, shape (M,), bool."""
+        return np.ones(len(self.array), dtype=bool) if self.gains is None else self.gains != 0
+
+    @cached_property
+    def emitted(self) -> Probe:
+        """The burst at the rate of what is read."""
+        if self._ratio == 1:
+            return self.probe
+        # The filter rings on a little after the last sample of the burst.
+        ringing = min(100, self.probe.length - len(self.probe.samples))
+        burst = self._resampled(np.pad(self.probe.samples, (0, ringing)))
+        length = math.ceil(self.probe.length * self._ratio)
+        return Probe(burst, float(self.rate or 0.0), length)
+
+    @property
+    def _ratio(self) -> Fraction:
+        """Rate of what is read over that of the recordings."""
+        rate = self.rate or self.probe.sample_rate
+        return Fraction(rate / self.probe.sample_rate).limit_denominator(10_000)
+
+    def _resampled(self, samples: Array) -> Array:
+        """Return samples (..., N) at the rate of what is read: a polyphase filter without delay."""
+        if self._ratio == 1:
+            return samples
+        from scipy.signal import resample_poly
+
+        found: Array = resample_poly(samples, *self._ratio.as_integer_ratio(), axis=-1)
+        return found
+
+    @cached_property
+    def arrivals(self) -> Array:
+        """The direct path at each microphone up to its gain, shape (M, N), as it is recorded."""
+        if self.direct != "calibration":
+            return direct_path.delayed(self.probe, self.array, speed_of_sound=self.speed_of_sound)
+        length = self.probe.length
+        samples = self._read_beside(CALIBRATION)[:, :length]
+        silent = np.flatnonzero(~samples.any(axis=1)) + 1
+        check(
+            not len(silent),
+            f"{self.folder / CALIBRATION} channels",
+            silent.tolist(),
+            allowed="must hold the direct path in each",
+            hint="a deaf microphone?",
+        )
+        whole = np.pad(samples, ((0, 0), (0, length - samples.shape[1])))
+        late = self.mending.calibration if self.mending else 0.0
+        return taken_off(whole, late) if late else whole
+
+    @cached_property
+    def noise_statistics(self) -> tuple[Array, Array] | tuple[None, None]:
+        """Density and covariance of the noise alone, at the rate of what is read, if recorded."""
+        measured = []
+        lengths = []
+        for piece in self.noise():
+            measured.append(signals.noise_statistics(self._resampled(piece)))
+            lengths.append(piece.shape[1])
+        return signals.pooled(measured, lengths) if measured else (None, None)
+
+    def noise(self) -> Iterator[Array]:
+        """Read the noise alone, in pieces (M, n); none where it was not recorded.
+
+        Raises:
+            BadValue: as `observe`, or fewer samples than an observation has.
+        """
+        path = self.folder / NOISE
+        if not path.exists():
+            return
+        # Of a microphone that is left out no level is wanted, but one is needed.
+        gains = 1.0 if self.gains is None else np.where(self.used, self.gains, 1.0)[:, None]
+        size = max(self.probe.length, SAMPLES // len(self.array))
+        for piece in audio.wav_pieces(path, self.probe.sample_rate, samples=size):
+            self._check_beside(path, piece, least=self.probe.length)
+            yield gains * piece
+
+    def _read_beside(self, name: str, *, least: int = 1) -> Array:
+        """Return what was recorded beside the walk, of at least so many samples, shape (M, K)."""
+        path = self.folder / name
+        samples = audio.read_wav(path, self.probe.sample_rate)
+        self._check_beside(path, samples, least=least)
+        return samples
+
+    def _check_beside(self, path: Path, samples: Array, *, least: int) -> None:
+        """Raise `BadValue` unless a recording (M, K) has the array's channels, and is long enough.
+
+        Args:
+            path: its file.
+            samples: shape (M, K).
+            least: number of samples K.
+        """
+        fits = samples.shape[0] == len(self.array) and samples.shape[1] >= least
+        allowed = f"must be {len(self.array)} channels of at least {least} samples"
+        check(fits, str(path), samples.shape, allowed=allowed)
+
+    def recording(self, pose: int) -> Array:
+        """Return what was recorded at a pose, by the gains, shape (M, N).
+
+        Raises:
+            BadValue: as `observe`.
+        """
+        path = self.folder / self.files[pose]
+        shape = (len(self.array), self.probe.length)
+        samples = audio.read_recording(path, self.probe.sample_rate, shape=shape)
+        hint = "was the recorder running?"
+        check(bool(samples.any()), str(path), "silence", allowed="must be a recording", hint=hint)
+        return samples if self.gains is None else self.gains[:, None] * samples
+
+
+def blocks(survey: Survey) -> list[range]:
+    """Return which poses are read together, all of them in order.
+
+    They are few enough that their recordings fit into memory.
+    """
+    count = len(survey.poses)
+    # One recording is read even if it alone is larger than that.
+    size = max(1, min(BLOCK, SAMPLES // (len(survey.array) * survey.probe.length)))
+    return [range(start, min(start + size, count)) for start in range(0, count, size)]
