@@ -101,7 +101,7 @@ class Network:
 
         # A recipe that does not fit the inputs fails now rather than after an hour of sets.
         shape = (16, 36) if view_of(self.inputs) == COVARIANCE else (len(self.inputs),)
-        with seeded(0):
+        with seeded(0, accelerator="cpu"):
             self.net(shape)
 
     def fit(self, examples: Examples) -> Self:
@@ -109,7 +109,7 @@ class Network:
         rows = rows_of(examples.x, self.inputs)
         unseen, labels = examples.validation
         scale = standardiser(rows)
-        with seeded(examples.seed), without_remarks():
+        with seeded(examples.seed, accelerator=self.accelerator), without_remarks():
             best = examples.folder / "best.safetensors"
             training = Training(self.net(rows.shape[1:]), self, best=best)
             source = source_of(rows, scale)
@@ -228,10 +228,12 @@ class Training(LightningModule):
 
 
 @contextmanager
-def seeded(seed: int) -> Iterator[None]:
+def seeded(seed: int, *, accelerator: str) -> Iterator[None]:
     """Seed torch within the block, on one thread; put both back afterwards."""
     threads = torch.get_num_threads()
-    with torch.random.fork_rng():
+    # Whoever asks for a GPU's random state starts CUDA, after which no process can be forked.
+    devices = [] if accelerator == "cpu" else None
+    with torch.random.fork_rng(devices):
         torch.manual_seed(seed)
         torch.set_num_threads(1)
         try:
