@@ -7,8 +7,8 @@ one is not made again.
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,9 +18,8 @@ import numpy as np
 from echolearn.checks import BadValue, check, check_name, check_number
 from echolearn.mapping.accuracy import accuracy_of
 from echolearn.mapping.files import grid, ply, svg, table
-from echolearn.mapping.mapped_walk import Files, MappedWalk
+from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.robot.advice import causes
-from echolearn.robot.bundle import Bundle
 from echolearn.robot.choices import open_survey, with_gains
 from echolearn.robot.map_folder import describe_map, finished_map, report, told, write_map
 from echolearn.robot.scorer import Scorer, load
@@ -69,58 +68,33 @@ def map_survey(
         command: what makes the map again; None says nothing about it.
 
     Raises:
-        BadValue: a survey or bundle that is not allowed, or that do not fit each other; recordings
-            that cannot be trusted (`health`).
+        BadValue: survey and bundle that do not fit, or recordings not to be trusted (`health`).
     """
     writers = _writers(ros)
     check_number("resolution", resolution, low=0.005, high=1.0, unit="m")
-    name = name or f"{Path(survey).resolve().name}-{Path(bundle).resolve().name}"
-    check_name("name", name)
-    scorer = seeking(load(bundle), localizer)
+    folder = _folder(runs, survey, bundle=bundle, name=name)
+
+    sign = (localizer or {}).get("sign")
+    scorer = seeking(load(bundle), sign)
     walk = open_survey(Path(survey), scorer.bundle, resample=resample, direct=direct)
     walk = with_gains(walk, scorer.bundle, without=without, gains=gains)
-    asked = {"direct": direct, "ros": ros or None, "resolution": float(resolution)}
-    asked["sign"] = (localizer or {}).get("sign")
-    identity = partial(_identity, scorer.bundle, walk, asked=asked)
-    inputs = identity()
-    folder = Path(runs) / "maps" / name
-
-    def make() -> dict[str, Any]:
-        """Write the map, and return its manifest."""
-        files, about = _mapped(scorer, walk, writers=writers, resolution=float(resolution))
-        hint = "is it still being recorded? map it again when it is complete"
-        allowed = "must not change while it is mapped"
-        check(identity() == inputs, "survey", survey, allowed=allowed, hint=hint)
-        about |= {"inputs": inputs} | manifests.command_entry(command)
-        return write_map(folder, files, about=about)
-
-    finished = partial(finished_map, folder, inputs)
+    asked = {"direct": direct, "ros": ros or None, "resolution": float(resolution), "sign": sign}
+    order = _Order(scorer, walk, asked=asked, writers=writers)
+    finished = partial(finished_map, folder, order.inputs)
+    make = partial(order.make, folder, command=command)
     report(once(folder, finished=finished, make=make, doing="writes it"))
     return folder
 
 
-def _mapped(
-    scorer: Scorer, walk: Survey, *, writers: Sequence[Any], resolution: float
-) -> tuple[Files, dict[str, Any]]:
-    """Return the files of a map by name, and what its manifest says of it.
-
-    Args:
-        scorer: a bundle at work.
-        walk: recorded as the bundle wants it.
-        writers: modules that write the files.
-        resolution: side of a cell of the occupancy grid, in m.
-    """
-    health = examine(walk)
-    mapped = score_survey(scorer, mended(walk, health), resolution=resolution)
-    files = {key: value for writer in writers for key, value in writer.write(mapped).items()}
-    window = scorer.bundle.localizer.window
-    why = causes(mapped, health, window=window)
-    return files, describe_map(mapped, why) | told(health)
+def _folder(runs: Path, survey: Path, *, bundle: Path, name: str | None) -> Path:
+    """Return where a map goes; the arguments are those of `map_survey`."""
+    name = name or f"{Path(survey).resolve().name}-{Path(bundle).resolve().name}"
+    check_name("name", name)
+    return Path(runs) / "maps" / name
 
 
-def seeking(scorer: Scorer, localizer: Mapping[str, Any] | None) -> Scorer:
-    """Return a scorer whose localizer seeks echoes of the `sign` that is asked for, if one is."""
-    sign = (localizer or {}).get("sign")
+def seeking(scorer: Scorer, sign: str | None) -> Scorer:
+    """Return a scorer whose localizer seeks echoes of this sign; None leaves it."""
     if sign is None:
         return scorer
     other: Any = replace(scorer.bundle.localizer, sign=sign)  # type: ignore[type-var]
@@ -138,26 +112,57 @@ def _writers(ros: bool) -> list[Any]:
         raise BadValue("ros=true: needs rosbags; pip install 'echolearn[ros]'") from None
 
 
-def _identity(bundle: Bundle, walk: Survey, *, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a map is made from: the bundle, all files of the survey, and what was asked for.
+@dataclass(frozen=True)
+class _Order:
+    """What is mapped, by what, and into which files.
 
-    Args:
-        bundle: what scores the echoes.
-        walk: what is mapped.
-        asked: keys of the command, None where a key was not given.
+    Attributes:
+        scorer: a bundle at work.
+        walk: recorded as the bundle wants it.
+        asked: keys of the command that make another map, None where a key was not given.
+        writers: modules that write the files.
     """
-    sums = hashlib.sha256()
-    for name in used(walk):
-        path = walk.folder / name
-        check_size(path, LARGEST)
-        # What is missing is named when it is read.
-        if path.is_file():
-            sums.update(f"{name} {sha256(path)}\n".encode())
-    # What was not asked for is not named, so that maps of before keep their identity.
-    given = {key: value for key, value in asked.items() if value is not None}
-    if walk.gains is not None:
-        given["gains"] = walk.gains.tolist()
-    return given | {"bundle": bundle.about["sha256"], "survey": sums.hexdigest()}
+
+    scorer: Scorer
+    walk: Survey
+    asked: Mapping[str, Any]
+    writers: Sequence[Any]
+
+    @cached_property
+    def inputs(self) -> dict[str, Any]:
+        """What the map is made from, as it was when first asked."""
+        return self.identity()
+
+    def identity(self) -> dict[str, Any]:
+        """Return what the map is made from: the bundle, all files of the survey, what was asked."""
+        sums = hashlib.sha256()
+        for name in used(self.walk):
+            path = self.walk.folder / name
+            check_size(path, LARGEST)
+            # What is missing is named when it is read.
+            if path.is_file():
+                sums.update(f"{name} {sha256(path)}\n".encode())
+        # What was not asked for is not named, so that maps of before keep their identity.
+        given = {key: value for key, value in self.asked.items() if value is not None}
+        if self.walk.gains is not None:
+            given["gains"] = self.walk.gains.tolist()
+        return given | {"bundle": self.scorer.bundle.about["sha256"], "survey": sums.hexdigest()}
+
+    def make(self, folder: Path, *, command: str | None) -> dict[str, Any]:
+        """Write the map, and return its manifest."""
+        health = examine(self.walk)
+        walk = mended(self.walk, health)
+        mapped = score_survey(self.scorer, walk, resolution=self.asked["resolution"])
+        files = {key: value for each in self.writers for key, value in each.write(mapped).items()}
+        why = causes(mapped, health, window=self.scorer.bundle.localizer.window)
+        about = describe_map(mapped, why) | told(health)
+
+        hint = "is it still being recorded? map it again when it is complete"
+        allowed = "must not change while it is mapped"
+        same = self.identity() == self.inputs
+        check(same, "survey", self.walk.folder, allowed=allowed, hint=hint)
+        about |= {"inputs": self.inputs} | manifests.command_entry(command)
+        return write_map(folder, files, about=about)
 
 
 def score_survey(scorer: Scorer, walk: Survey, *, resolution: float = 0.05) -> MappedWalk:
