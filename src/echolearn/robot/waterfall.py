@@ -21,7 +21,7 @@ from echolearn.acoustics.types import Array, MicArray, Observation
 from echolearn.localization.beamforming import direction_grid
 from echolearn.localization.correlations import PAD, advance, steered_response
 from echolearn.robot.png import LEVELS
-from echolearn.survey.health import Health
+from echolearn.survey.health import Health, as_found
 from echolearn.survey.survey import Survey, blocks
 
 LOWEST, HIGHEST = 4.0, 28.0
@@ -134,7 +134,7 @@ def waterfall(survey: Survey, health: Health, *, window: SearchWindow) -> Waterf
         Canvas(poses, lags),
         *(Canvas(poses, lags, share=2) for _ in survey.array.positions),
     ]
-    sound = replace(survey, mending=health.mending)
+    sound = as_found(survey, health)
     for block in blocks(survey):
         heard = sound.observe(block)
         recorded = np.stack([sound.mended(pose) for pose in block])

@@ -20,10 +20,11 @@ from echolearn.storage.advice import assignment
 from echolearn.survey import levels, naming, time_zero
 from echolearn.survey.arrivals import arrivals
 from echolearn.survey.channels import judge_channels
+from echolearn.survey.containers import Containers, numbers_of, told
 from echolearn.survey.echoes import Echo
 from echolearn.survey.measuring import Walk, decibels, measure_walk
 from echolearn.survey.mending import Mending
-from echolearn.survey.survey import CALIBRATION, Survey
+from echolearn.survey.survey import CALIBRATION, NOISE, Survey
 from echolearn.survey.time_zero import Direct, TimeZero
 
 SURE = 0.9
@@ -65,6 +66,7 @@ class Health:
         verdicts: what there is to say of each microphone, M lines; "fine" if nothing.
         mended, noticed, refused: lines, each of one kind of fault and all places where it is.
         mending: what `Survey.observe` does to the recordings; None if nothing.
+        containers: how the numbers of the survey's files are stored.
     """
 
     numbers: tuple[int, ...]
@@ -86,6 +88,7 @@ class Health:
     noticed: tuple[str, ...]
     refused: tuple[str, ...]
     mending: Mending | None = None
+    containers: Containers = Containers()
 
 
 def examine(survey: Survey) -> Health:
@@ -94,6 +97,7 @@ def examine(survey: Survey) -> Health:
     Raises:
         BadValue: a recording that cannot be read.
     """
+    survey = replace(survey, containers=_stored(survey))
     walk = measure_walk(survey)
     verdicts = judge_channels(walk)
     zero = _zero(walk, verdicts.alive)
@@ -122,7 +126,16 @@ def examine(survey: Survey) -> Health:
         noticed=(*verdicts.noticed, *_reversed(negative, walk.echo)),
         refused=tuple(verdicts.refused),
         mending=None if mending.nothing else mending,
+        containers=survey.containers,
     )
+
+
+def _stored(survey: Survey) -> Containers:
+    """Return how the numbers of a survey's files are stored."""
+    files = [survey.folder / file for file in survey.files]
+    recordings = numbers_of(files)
+    noise = numbers_of([survey.folder / NOISE], like=recordings)
+    return survey.containers._replace(recordings=recordings, noise=noise)
 
 
 def _zero(walk: Walk, used: Array) -> TimeZero:
@@ -232,7 +245,7 @@ def _drift(echo: Echo) -> float:
 def _told(mending: Mending, walk: Walk, *, zero: TimeZero) -> list[str]:
     """Return a line for everything that is mended."""
     numbers = walk.numbers
-    lines = []
+    lines = told(walk.survey.containers)
     if mending.latency.any():
         lines.append(f"{zero.line}; taken off")
     if mending.calibration:
@@ -266,4 +279,9 @@ def mended(survey: Survey, health: Health) -> Survey:
         page = shlex.join(["echolearn", "check", assignment("survey", str(survey.folder))])
         others = f" (and {more} more: {page})" if more else ""
         raise BadValue(f"{survey.folder}: {health.refused[0]}{others}")
-    return replace(survey, mending=health.mending)
+    return as_found(survey, health)
+
+
+def as_found(survey: Survey, health: Health) -> Survey:
+    """Return a survey whose recordings are mended when read, even if it is refused."""
+    return replace(survey, mending=health.mending, containers=health.containers)

@@ -23,6 +23,7 @@ from echolearn.acoustics.types import MicArray, Probe
 from echolearn.checks import check
 from echolearn.storage import manifests
 from echolearn.survey import audio
+from echolearn.survey.containers import Containers, numbers_of
 from echolearn.survey.description import read_description
 from echolearn.survey.poses import read_poses
 from echolearn.survey.survey import CALIBRATION, NOISE, Survey
@@ -62,12 +63,14 @@ def read_survey(folder: Path) -> Survey:
     hint = "there is none to remove"
     check(present or not calibrated, name, "removed", allowed="must be present", hint=hint)
 
+    probe = folder / "probe.wav"
+    stored = numbers_of([probe])
     numbers, poses, files = read_poses(folder / "poses.csv")
     for file in dict.fromkeys(files):
         check(inside(folder, file), f"{folder}/poses.csv file", file, allowed=INSIDE)
     return Survey(
         folder=folder,
-        probe=_read_probe(folder / "probe.wav", about["sample_rate"]),
+        probe=_read_probe(probe, about["sample_rate"], scale=stored.scale),
         array=MicArray(about["microphones"] - about["loudspeaker"]),
         speed_of_sound=about["speed_of_sound"],
         poses=poses,
@@ -77,12 +80,19 @@ def read_survey(folder: Path) -> Survey:
         conditions=about["conditions"],
         heading_bias_sd=float(about["heading_bias_sd_rad"]),
         direct=("calibration" if calibrated else "fitted") if present else None,
+        containers=Containers(probe=stored),
     )
 
 
-def _read_probe(path: Path, sample_rate: float) -> Probe:
-    """Return the burst, and the length of recordings, up to which silence follows it."""
+def _read_probe(path: Path, sample_rate: float, *, scale: float) -> Probe:
+    """Return the burst, and the length of recordings, up to which silence follows it.
+
+    Args:
+        path: its file.
+        sample_rate: that it must have, in Hz.
+        scale: factor of its samples.
+    """
     padded = audio.read_wav(path, sample_rate)
     length = padded.shape[1]
     check(length <= LONGEST, str(path), f"{length} samples", allowed=f"must be at most {LONGEST}")
-    return Probe(audio.burst_of(padded, name=str(path)), sample_rate, length)
+    return Probe(scale * audio.burst_of(padded, name=str(path)), sample_rate, length)

@@ -19,6 +19,7 @@ from echolearn.acoustics import signals
 from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Probe
 from echolearn.checks import check
 from echolearn.survey import audio, direct_path
+from echolearn.survey.containers import Containers
 from echolearn.survey.mending import Mending, taken_off
 
 NOISE = "noise.wav"
@@ -51,6 +52,7 @@ class Survey:
         rate: sample rate in Hz to which recordings and probe are brought when read; None leaves
             them.
         gains: factors of the microphones, shape (M,), 0 for one that is left out; None leaves them.
+        containers: how the numbers of its files are stored, where headers do not tell.
         mending: what is mended in recordings before anything else looks at them (`health`).
     """
 
@@ -67,6 +69,7 @@ class Survey:
     direct: str | None = None
     rate: float | None = None
     gains: Array | None = None
+    containers: Containers = Containers()
     mending: Mending | None = None
 
     def observe(self, poses: Sequence[int]) -> Observation:
@@ -177,9 +180,10 @@ class Survey:
         # Of a microphone that is left out no level is wanted, but one is needed.
         gains = 1.0 if self.gains is None else np.where(self.used, self.gains, 1.0)[:, None]
         size = max(self.probe.length, SAMPLES // len(self.array))
+        scale = self.containers.noise.scale
         for piece in audio.wav_pieces(path, self.probe.sample_rate, samples=size):
             self._check_beside(path, piece, least=self.probe.length)
-            yield gains * piece
+            yield gains * scale * piece
 
     def _read_beside(self, name: str, *, least: int = 1) -> Array:
         """Return what was recorded beside the walk, of at least so many samples, shape (M, K)."""
@@ -211,6 +215,7 @@ class Survey:
         samples = audio.read_recording(path, self.probe.sample_rate, shape=shape)
         hint = "was the recorder running?"
         check(bool(samples.any()), str(path), "silence", allowed="must be a recording", hint=hint)
+        samples *= self.containers.recordings.scale
         return samples if self.gains is None else self.gains[:, None] * samples
 
 

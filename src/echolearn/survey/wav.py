@@ -8,6 +8,7 @@ writes to a pipe, or is killed, never writes the length: the data then go on to 
 PCM of B bits in words of W > B bits stands in the upper bits of a word, says the standard; what
 ALSA calls S24_LE stands in the lower ones, the rest being zeros or copies of the sign. Headers
 often do not tell, so the numbers do: where the lowest W - B bits are in use, those above are not.
+What takes the numbers of a whole survey to tell is left to `containers`, by `undecided`.
 
 References: Multimedia Programming Interface and Data Specifications 1.0 (IBM, Microsoft 1991);
 Multiple Channel Audio Data and WAVE Files (Microsoft 2001); EBU Tech 3306 (RF64).
@@ -88,6 +89,23 @@ def read(content: bytes, *, start: int = 0, stop: int | None = None) -> tuple[in
         whole = _whole(data, width, order=told.order)
         samples = _scaled(whole.reshape(-1, told.channels), told.bits, word=8 * width).ravel()
     return told.rate, np.ascontiguousarray(samples.reshape(-1, told.channels).T)
+
+
+def undecided(content: bytes) -> NDArray[Any] | None:
+    """Return the words of a file that do not tell how many of their bits are in use; else None.
+
+    Those of PCM that a header calls plain 32 bits, and floats that are whole numbers; a silent file
+    tells nothing. `ValueError` as of `read`.
+    """
+    told, data = _chunks(content)
+    if told.kind == FLOAT:
+        floats = np.frombuffer(data, f"{told.order}f{told.width}")
+        return floats if len(floats) and (np.rint(floats) == floats).all() else None
+    if told.width != 4 or told.bits != 32:
+        return None
+    whole = _whole(data, 4, order=told.order).reshape(-1, told.channels)
+    # What stands in the upper bits leaves the lowest empty.
+    return whole if (whole & 0xFF).any() and not _zero_padded(whole) else None
 
 
 def length(content: bytes) -> int:
