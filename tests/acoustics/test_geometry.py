@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import reference
-from echolearn.acoustics import geometry, rooms
+from echolearn.acoustics import bistatic, geometry, rooms
 from echolearn.acoustics.geometry import SearchWindow, circular_array, direction
 from echolearn.acoustics.types import MicArray, Pose, Room
 from reference import RATE, RING
@@ -87,10 +87,10 @@ def test_map_points_of_true_echoes_are_the_feet_of_the_walls(place, heading, off
     assert np.allclose(truth.toa * 343.0, paths, rtol=1e-12)
     x, y, z = place
     toward = direction(truth.azimuth, truth.elevation)
-    distances = geometry.wall_distance(truth.toa, toward, array=array)
+    distances = bistatic.wall_distance(truth.toa, toward, array=array)
     assert np.allclose(distances, [x, 10 - x, y, 8 - y, z, 6 - z], atol=1e-9)
     about = {"position": place, "heading": heading, "array": array}
-    points = geometry.wall_points(truth.toa, truth.azimuth, truth.elevation, **about)
+    points = bistatic.wall_points(truth.toa, truth.azimuth, truth.elevation, **about)
     assert np.allclose(points, [[0, y], [10, y], [x, 0], [x, 8], [x, y], [x, y]], atol=1e-9)
 
 
@@ -103,11 +103,11 @@ def toa_of_wall(distance, azimuth):
 def test_the_far_field_form_is_its_limit_and_the_authors_is_not(distance, azimuth):
     along = 0.2 * math.cos(azimuth)
     toa = toa_of_wall(distance, azimuth)
-    exact = geometry.wall_distance(np.array(toa), direction(azimuth, PLANE), array=RING)
+    exact = bistatic.wall_distance(np.array(toa), direction(azimuth, PLANE), array=RING)
     assert exact == pytest.approx(distance)
     assert abs((343.0 * toa + along) / 2 - exact) < 0.0051 / distance
     assert abs(343.0 * toa / 2 + along - exact) > abs(along) / 2 - 0.0051
-    impossible = geometry.wall_distance(np.zeros(1), direction(azimuth, PLANE), array=RING)
+    impossible = bistatic.wall_distance(np.zeros(1), direction(azimuth, PLANE), array=RING)
     assert np.isfinite(impossible).all()
 
 

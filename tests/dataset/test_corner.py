@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echolearn.acoustics.geometry import SearchWindow, wall_points
+from echolearn.acoustics.bistatic import wall_points
+from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.rooms import distance_to_outline, outline
 from echolearn.acoustics.types import Array, Room
 from echolearn.dataset.generate import generate

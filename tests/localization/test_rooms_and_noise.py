@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from echolearn.acoustics.geometry import SearchWindow, wall_points
+from echolearn.acoustics.bistatic import wall_points
+from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.rooms import distance_to_outline, outline, true_echoes
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Echoes, MicArray, Observation, Pose, Room

@@ -1,10 +1,10 @@
-"""Geometry of echoes: directions, far-field delays, wall points, search windows.
+"""Geometry of echoes: directions, far-field delays, search windows.
 
-The array's loudspeaker and the room's mirror sources make everything here a closed form. An echo
-*from* direction u reaches microphone m at position p_m earlier than the loudspeaker's place by
-p_m . u / c, so
+The loudspeaker and the room's mirror sources make everything here a closed form. An echo *from*
+direction v reaches microphone m at position p_m earlier than the loudspeaker's place by
+p_m . v / c, so
 
-    delay_m = -(p_m . u) / c = -(R/c) sin(psi) cos(theta_m - phi)        for a ring,
+    delay_m = -(p_m . v) / c = -(R/c) sin(psi) cos(theta_m - phi)        for a ring,
 
 and the paper's eta_m (Eq. 3) is delay_m - delay_1, relative to microphone 1.
 """
@@ -76,63 +76,20 @@ def relative_delays(array: MicArray, toward: Array, *, scale: float) -> Array:
 
 def microphone_positions(array: MicArray, pose: Pose) -> Array:
     """Return the microphones in the room's frame, shape (M, 3), in m."""
-    cos = math.cos(pose.heading)
-    sin = math.sin(pose.heading)
+    return np.asarray(pose.position) + turned(array.positions, pose.heading)
+
+
+def turned(places: Array, heading: float) -> Array:
+    """Return places (..., 3) of the robot's frame as a heading in rad turns them."""
+    cos = math.cos(heading)
+    sin = math.sin(heading)
     rotation = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
-    return np.asarray(pose.position) + array.positions @ rotation.T
+    return places @ rotation.T
 
 
 def wrap(angle: Array | float) -> Array:
     """Return angles in rad wrapped to [-pi, pi)."""
     return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi
-
-
-def wall_distance(
-    toa: Array, toward: Array, *, array: MicArray, speed_of_sound: float = SPEED_OF_SOUND
-) -> Array:
-    """Return the distance D from the loudspeaker to the wall that an echo came from, in m.
-
-    The mirror source lies at 2 D u; its distance to microphone 1 at p is c toa, so
-    4 D^2 - 4 D (p . u) + |p|^2 = (c toa)^2. The far-field form D = (c toa + p . u) / 2 is its limit
-    for large D and up to 5 mm off at 1 m; the authors' code adds p . u without the half, up to 10
-    cm off.
-
-    Args:
-        toa: at microphone 1, in s, shape (...).
-        toward: unit vectors u of the directions of arrival in the robot's frame, shape (..., 3).
-        array: its first microphone is the reference.
-        speed_of_sound: in m/s.
-    """
-    reference = array.positions[0]
-    along = toward @ reference
-    square = along**2 - reference @ reference + (speed_of_sound * np.asarray(toa)) ** 2
-    # An echo earlier than the way from loudspeaker to microphone is impossible; 0 keeps it finite.
-    return (along + np.sqrt(np.maximum(square, 0.0))) / 2.0
-
-
-def wall_points(
-    toa: Array,
-    azimuth: Array,
-    elevation: Array,
-    *,
-    position: Array,
-    heading: Array | float,
-    array: MicArray,
-    speed_of_sound: float = SPEED_OF_SOUND,
-) -> Array:
-    """Return the map points of echoes, shape (..., 2), in m, in the room's frame.
-
-    Args:
-        toa, azimuth, elevation: the echoes, shape (...), robot frame.
-        position: of the loudspeaker, shape (..., 2) or (..., 3), in m.
-        heading: of the robot, shape (...), in rad.
-        array: its first microphone is the reference.
-        speed_of_sound: in m/s.
-    """
-    ahead = direction(azimuth, elevation)
-    distance = wall_distance(toa, ahead, array=array, speed_of_sound=speed_of_sound)
-    toward = direction(np.asarray(azimuth) + heading, elevation)[..., :2]
-    return np.asarray(position)[..., :2] + distance[..., None] * toward
 
 
 @dataclass(frozen=True)
@@ -142,8 +99,9 @@ class SearchWindow:
     Attributes:
         nearest, farthest: wall distances in m (the paper's "1 m to 2 m").
         rule: "general" holds every wall in that range whatever its direction,
-            [2 nearest - R, 2 farthest + R]; "authors" is the published MATLAB,
-            round((2 d - R) fs / c), which clips far walls opposite microphone 1.
+            [2 nearest - a, 2 farthest + a] of path, a the distance of microphone 1 from the
+            loudspeaker; "authors" is the published MATLAB, round((2 d - a) fs / c), which clips
+            far walls opposite microphone 1.
     """
 
     nearest: float = 1.0
@@ -163,7 +121,7 @@ class SearchWindow:
         """Return the first and last lag of the window, both inclusive, in samples.
 
         Args:
-            array: its radius is R.
+            array: its first microphone is the reference.
             sample_rate: in Hz.
             speed_of_sound: in m/s.
 
@@ -171,15 +129,15 @@ class SearchWindow:
             BadValue: a nearest wall whose echo could arrive with the emission.
         """
         scale = sample_rate / speed_of_sound
-        radius = array.radius
-        nearest = (2 * self.nearest - radius) * scale
+        away = float(np.linalg.norm(array.positions[0]))
+        nearest = (2 * self.nearest - away) * scale
         if self.rule == "authors":
             first = round(nearest)
-            last = round((2 * self.farthest - radius) * scale)
+            last = round((2 * self.farthest - away) * scale)
         else:
             # A wall exactly at the edge costs no lag more, whatever rounding makes of it.
             first = math.floor(nearest + 1e-9)
-            last = math.ceil((2 * self.farthest + radius) * scale - 1e-9)
-        allowed = f"must be more than half the array's radius of {radius:g} m"
+            last = math.ceil((2 * self.farthest + away) * scale - 1e-9)
+        allowed = f"must be more than half of {away:g} m, from loudspeaker to microphone 1"
         check(first >= 1, "window.nearest", f"{self.nearest} m", allowed=allowed)
         return first, last

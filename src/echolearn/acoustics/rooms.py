@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from echolearn.acoustics.geometry import microphone_positions, wrap
+from echolearn.acoustics.geometry import microphone_positions, turned, wrap
 from echolearn.acoustics.types import SPEED_OF_SOUND, Array, MicArray, Pose, Room, Truth
 from echolearn.checks import check
 
@@ -21,6 +21,8 @@ def true_echoes(
 ) -> Truth:
     """Return TOA and DOA of each reflecting wall's first-order echo, in the project's wall order.
 
+    Directions are seen from the array's centre.
+
     Args:
         room: with its walls.
         pose: where the robot stands.
@@ -29,7 +31,7 @@ def true_echoes(
     """
     images = first_order_images(room, pose.position)
     reference = microphone_positions(array, pose)[0]
-    toward = images - pose.position
+    toward = images - pose.position - turned(array.centre, pose.heading)
     distance = np.linalg.norm(toward, axis=1)
     azimuth = np.arctan2(toward[:, 1], toward[:, 0]) - pose.heading
     return Truth(

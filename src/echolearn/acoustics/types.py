@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -85,7 +86,7 @@ class Room:
 
 @dataclass(frozen=True, eq=False)
 class MicArray:
-    """Microphones around a loudspeaker at the origin of the robot's frame (x ahead, y left, z up).
+    """Microphones and a loudspeaker at the origin of the robot's frame (x ahead, y left, z up).
 
     Attributes:
         positions: microphones, shape (M, 3), in m; the first is the reference.
@@ -112,6 +113,18 @@ class MicArray:
     def radius(self) -> float:
         """Largest distance of a microphone from the loudspeaker, in m."""
         return float(np.linalg.norm(self.positions, axis=1).max())
+
+    @cached_property
+    def centre(self) -> Array:
+        """Mean of the microphones, from which directions of arrival are seen, shape (3,), in m."""
+        middle: Array = self.positions.mean(axis=0)
+        # A ring's middle is its loudspeaker but for rounding.
+        return middle if np.linalg.norm(middle) >= 1e-9 else np.zeros(3)
+
+    @property
+    def reach(self) -> float:
+        """Largest distance of a microphone from the centre, in m."""
+        return float(np.linalg.norm(self.positions - self.centre, axis=1).max())
 
 
 @dataclass(frozen=True)
@@ -213,8 +226,8 @@ class Truth:
 
     Attributes:
         toa: at microphone 1, shape (W,), in s.
-        azimuth: in the robot's frame, shape (W,), in rad.
-        elevation: from the array's axis, shape (W,), in rad.
+        azimuth: in the robot's frame, seen from the array's centre, shape (W,), in rad.
+        elevation: from the frame's z axis, seen from there, shape (W,), in rad.
     """
 
     toa: Array
@@ -230,8 +243,8 @@ class Echoes:
         toa: at microphone 1, in s.
         score: normalised correlation of the recording with the probe at `toa`, -1 to 1.
         gain: amplitude relative to the probe (Eq. 11).
-        azimuth: in the robot's frame, in rad.
-        elevation: from the array's axis, in rad.
+        azimuth: in the robot's frame, seen from the array's centre, in rad.
+        elevation: from the frame's z axis, seen from there, in rad.
         power: steered response at the estimate, in the localizer's own linear unit.
     """
 

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn.acoustics.geometry import wall_points
+from echolearn.acoustics.bistatic import wall_points
 from echolearn.acoustics.rooms import check_inside, distance_to_outline, outline, true_echoes
 from echolearn.acoustics.signals import noise_covariance, noise_psd
 from echolearn.acoustics.streams import stream

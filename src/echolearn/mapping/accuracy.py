@@ -5,6 +5,9 @@ adds to it what the bound of Cramer and Rao says of an arrival: in white noise o
 sample, s^2 / (g^2 ||x'||^2), x' the derivative of the probe x and g the echo's gain. A score r
 tells s^2: (1 - r^2) / r^2 of the echo's own mean square. Reverberation and neighbouring echoes are
 not in it; of walls they show in the scatter of points (`uncertainty`).
+
+Where the array's centre c is not the loudspeaker, D = |c + rho v| / 2 (`acoustics.bistatic`) hangs
+on the direction v too: dD/dphi = rho (c . dv/dphi) / (4 D), near enough c . dv/dphi / 2.
 """
 
 from dataclasses import dataclass
@@ -25,6 +28,7 @@ class Accuracy:
             echo, in m.
         azimuth_noise: that of the azimuth, in rad.
         heading_bias_sd: standard deviation of an error that all headings share, in rad.
+        centre: of the array, in the plane, robot frame, loudspeaker at the origin, in m.
     """
 
     lag: float = SPEED_OF_SOUND / 22050 / 2
@@ -32,6 +36,7 @@ class Accuracy:
     distance_noise: float = 0.0
     azimuth_noise: float = 0.0
     heading_bias_sd: float = 0.0
+    centre: tuple[float, float] = (0.0, 0.0)
 
     def of_echoes(self, echoes: Echoes) -> tuple[Array, Array]:
         """Return standard deviations of distances in m and azimuths in rad, shaped as the echoes.
@@ -42,7 +47,9 @@ class Accuracy:
         noise = np.sqrt((1 - square) / square)
         distance = np.hypot(self.lag / np.sqrt(12), self.distance_noise * noise)
         azimuth = np.hypot(self.azimuth / np.sqrt(12), self.azimuth_noise * noise)
-        return distance, azimuth
+        x, y = self.centre
+        lever = (y * np.cos(echoes.azimuth) - x * np.sin(echoes.azimuth)) / 2
+        return np.hypot(distance, lever * azimuth), azimuth
 
 
 def accuracy_of(
@@ -74,4 +81,5 @@ def accuracy_of(
         distance_noise=way / 2,
         azimuth_noise=way / max(aperture, way),
         heading_bias_sd=heading_bias_sd,
+        centre=(float(array.centre[0]), float(array.centre[1])),
     )

@@ -1,6 +1,6 @@
 """The map that echoes leave: points, and the belief in each.
 
-A map point is the pose plus the wall distance along the echo's direction (`geometry.wall_points`).
+A map point is the pose plus the wall distance along the echo's direction (`bistatic.wall_points`).
 Filtering (`evaluation.metrics.kept`) keeps those that are believed enough.
 """
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from echolearn.acoustics.geometry import wall_points
+from echolearn.acoustics.bistatic import wall_points
 from echolearn.acoustics.types import SPEED_OF_SOUND, Array, Echoes, EchoMap, MicArray, Pose
 from echolearn.checks import check
 

@@ -2,7 +2,9 @@
 
 A wall with the normal theta at the offset o is D = o - n(theta) . p away from a robot at p, and its
 echo comes from theta. Both are measured: the distance, rounded to that of a lag, and the azimuth,
-theta less the heading, rounded to the grid of directions. What is rounded are true values plus
+theta less the heading, rounded to the grid of directions. (An array beside its loudspeaker sees the
+echo turn by dphi as the normal turns by dtheta, `bistatic.seen_turn`: misses of theta are made
+misses of phi by that.) What is rounded are true values plus
 noise, so of a number x
 
     P(measured k | x) = F((k + step / 2 - x) / s) - F((k - step / 2 - x) / s),
@@ -19,10 +21,12 @@ over, too.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import log_ndtr
 
+from echolearn.acoustics.bistatic import seen_turn
 from echolearn.acoustics.geometry import wrap
 from echolearn.acoustics.types import Array
 from echolearn.mapping.accuracy import Accuracy
@@ -267,9 +271,20 @@ class _Wall:
         return np.asarray(self.seen.distances + self.seen.poses @ normal - offsets)
 
     def azimuth_misses(self, turn: Array) -> Array:
-        """Return azimuths less those of turned lines (A,), shape (A, n), in rad."""
+        """Return azimuths less those of turned lines (A,), shape (A, n), in rad, as seen."""
         x, y = (self.seen.points - self.seen.poses).T
-        return np.asarray(wrap(np.arctan2(y, x) - self.line.normal - turn[..., None]))
+        misses = wrap(np.arctan2(y, x) - self.line.normal - turn[..., None])
+        return np.asarray(misses * self._seen_turn)
+
+    @cached_property
+    def _seen_turn(self) -> Array | float:
+        """What the array sees of a turn of each normal, shape (n,)."""
+        centre = self.accuracy.centre
+        if centre == (0.0, 0.0):
+            return 1.0
+        seen = self.seen
+        azimuth = np.arctan2(*seen.toward.T[::-1]) - seen.headings
+        return seen_turn(seen.distances, azimuth, centre=centre)
 
     def mass(self, turn: Array, shift: Array) -> Array:
         """Return the shares of turned (A,) and shifted (V,) lines in all probability, (A, V)."""

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from echolearn.acoustics.geometry import SearchWindow, direction, wall_points
+from echolearn.acoustics.bistatic import wall_points
+from echolearn.acoustics.geometry import SearchWindow, direction
 from echolearn.acoustics.rooms import distance_to_outline, outline, true_echoes
 from echolearn.acoustics.types import Array, Observation, Pose, Room
 from echolearn.checks import BadValue

@@ -96,7 +96,7 @@ def measure_echoes(
     loudest = int((np.abs(outputs).max(axis=-1) / found.noise).argmax())
 
     # What the others hear of an echo lies as near as the array is wide.
-    reach = int(np.ceil(2 * scale * array.radius)) + 2
+    reach = int(np.ceil(2 * scale * array.reach)) + 2
     places = strongest_places(outputs[loudest], ECHOES, apart=reach)
     waves = [wave(outputs, place, reach=reach) for place in places]
     votes = [
