@@ -25,18 +25,17 @@ def told(*words: str) -> str:
 
 def test_some_hostile_files_are_refused_within_seconds_and_a_gibibyte() -> None:
     said = told("model that never ends", "laughter", "noise.wav of 10 TiB")
-    assert "3 given, 0 not refused as they should be; at most " in said
+    assert said.splitlines()[-1].split()[:3] == ["all", "3", "3"]
 
 
 @pytest.mark.release
 def test_two_hundred_hostile_files_are_refused_within_seconds_and_a_gibibyte() -> None:
-    given, _, faults = told().splitlines()[-1].partition(" given, ")
-    assert int(given) >= 200 and faults.startswith("0 not refused")
+    _, given, refused, *_ = told().splitlines()[-1].split()
+    assert int(given) >= 200 and refused == given
 
 
 @pytest.mark.release
 def test_kills_lose_nothing_and_change_nothing() -> None:
-    found = dict(tortures(list(COMMANDS), times=5, seed=1))
-    assert {name: (each.kills, each.lost, each.different) for name, each in found.items()} == {
-        name: (5, set(), set()) for name in COMMANDS
-    }
+    found = list(tortures(list(COMMANDS), times=5, seed=1, workers=2))
+    assert [(name, each.kills) for name, _, each in found] == [(name, 5) for name in COMMANDS]
+    assert [each for _, _, each in found if not each.is_sound] == []

@@ -1,18 +1,30 @@
-"""Two hundred bundles and surveys as an enemy would send them, each given to a process of its own.
+"""Hundreds of bundles and surveys as an enemy would send them, each given to a process of its own.
 
-    python tests/robot/hostile.py             a line for each: what it cost, and how it was refused
-    python tests/robot/hostile.py kernel yaml    those alone whose name holds one of the words
+    python tests/robot/hostile.py                all, one side by side for each core
+    python tests/robot/hostile.py --workers 16   as many side by side as that: a few minutes
+    python tests/robot/hostile.py --each kernel yaml
+                    those alone whose name holds one of the words, with what each cost and was told
+
+Run it from a clone with the package's dependencies installed; nothing else is needed, no network,
+no `make`. The code is that of the clone. Everything happens in a temporary folder (`TMPDIR`), and
+the status is 1 if anything was not refused as it should be.
 
 `echolearn map` is called as by a user who has received both. Refused means: status 1, one line that
 begins with "error: " and can be printed, nothing written below `runs`. The cost is what `wait4`
 tells of the process and its children: computing time in s, most memory of one of them in MiB.
 """
 
+import argparse
 import os
+import resource
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from shutil import copytree, rmtree
 from tempfile import TemporaryDirectory
@@ -27,6 +39,17 @@ from survey_mutants import SURVEYS  # noqa: E402
 SECONDS = 5.0
 MEMORY = 1 << 30
 """What none may cost: computing time in s, bytes."""
+
+PATIENCE = 120.0
+"""Seconds after which a process is killed, which is no refusal."""
+
+LIMITS = {resource.RLIMIT_CPU: 60, resource.RLIMIT_AS: 16 << 30}
+"""What the machine is kept from: computing time in s, bytes of addresses."""
+
+SOURCE = TESTS.parent / "src"
+PATHS = [str(SOURCE), str(TESTS), *map(os.path.abspath, filter(None, sys.path))]
+CODE = {"PYTHONPATH": os.pathsep.join(PATHS), "OMP_NUM_THREADS": "1"}
+"""Variables by which a process in any folder finds the code of this clone."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +74,12 @@ class Refusal:
     written: tuple[str, ...]
 
     @property
+    def group(self) -> str:
+        """Which file an enemy has changed, as the table tells it."""
+        first = self.name.partition(" ")[0]
+        return f"{self.kind}: {first if first in GROUPS else 'other'}"
+
+    @property
     def fault(self) -> str:
         """What is wrong with it, or nothing."""
         line = self.said.rstrip("\n")
@@ -62,6 +91,10 @@ class Refusal:
             f"over {MEMORY >> 20} MiB": self.memory > MEMORY,
         }
         return ", ".join(name for name, is_one in faults.items() if is_one)
+
+
+GROUPS = ("model", "golden", "manifest", "entry", "observations/0001.wav", "poses.csv")
+"""First words of names by which the table counts."""
 
 
 def given(kind: str, name: str, *, bundle: Path, survey: Path, place: Path) -> Refusal:
@@ -77,34 +110,69 @@ def given(kind: str, name: str, *, bundle: Path, survey: Path, place: Path) -> R
     inputs = sound | {kind: Path(copytree(sound[kind], place / "given" / kind))}
     mutate = (BUNDLES if kind == "bundle" else SURVEYS)[name][0]
     mutate(inputs[kind])
+    return mapped(kind, name, inputs=inputs, place=place)
+
+
+def mapped(kind: str, name: str, *, inputs: Mapping[str, Path], place: Path) -> Refusal:
+    """Map a survey with a bundle in a process of its own, as a user would.
+
+    Args:
+        kind, name: what it is called in the table.
+        inputs: the two folders.
+        place: folder for the results.
+    """
     words = [f"{key}={path}" for key, path in inputs.items()]
     command = [sys.executable, "-m", "echolearn", "map", *words, f"runs={place / 'runs'}"]
     process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, cwd=place, text=True
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        cwd=place,
+        env=os.environ | CODE,
+        text=True,
+        errors="backslashreplace",
     )
+    for what, most in LIMITS.items():
+        resource.prlimit(process.pid, what, (most, most))
+    late = threading.Timer(PATIENCE, process.kill)
+    late.start()
     assert process.stderr is not None
     said = process.stderr.read()
     _, status, usage = os.wait4(process.pid, 0)
+    late.cancel()
     process.returncode = os.waitstatus_to_exitcode(status)
     written = tuple(str(path) for path in (place / "runs").rglob("*") if path.is_file())
     seconds = usage.ru_utime + usage.ru_stime
     return Refusal(kind, name, seconds, usage.ru_maxrss << 10, process.returncode, said, written)
 
 
-def refusals(bundle: Path, survey: Path, *, wanted: Callable[[str], bool]) -> Iterator[Refusal]:
-    """Yield what comes of every hostile bundle and survey whose name is wanted.
+def refusals(
+    bundle: Path, survey: Path, *, words: Sequence[str], workers: int
+) -> Iterator[Refusal]:
+    """Yield what comes of every hostile bundle and survey that is wanted.
 
     Args:
         bundle, survey: sound ones that fit each other.
-        wanted: tells by the name.
+        words: those are wanted whose name holds one of them; all, if there are none.
+        workers: processes side by side.
     """
     mutations = [("bundle", name) for name in BUNDLES] + [("survey", name) for name in SURVEYS]
-    for kind, name in mutations:
-        if wanted(name):
-            with TemporaryDirectory() as scratch:
-                place = Path(scratch)
-                yield given(kind, name, bundle=bundle, survey=survey, place=place)
-                rmtree(place / "given", ignore_errors=True)
+    wanted = [
+        (kind, name) for kind, name in mutations if not words or any(word in name for word in words)
+    ]
+    with ThreadPoolExecutor(workers) as pool:
+        yield from pool.map(partial(_refusal, bundle, survey), wanted)
+
+
+def _refusal(bundle: Path, survey: Path, wanted: tuple[str, str]) -> Refusal:
+    """Return what comes of one, whose files are gone afterwards."""
+    kind, name = wanted
+    with TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
+        place = Path(scratch)
+        found = given(kind, name, bundle=bundle, survey=survey, place=place)
+        rmtree(place / "given", ignore_errors=True)
+    return found
 
 
 PREPARE = """
@@ -118,35 +186,56 @@ world.pack(made, "trees_features", place / "packed")
 
 
 def main() -> None:
-    """Print a line for each, and the most that one has cost."""
-    words = sys.argv[1:]
-    with TemporaryDirectory() as scratch:
+    """Print a table by kind, and each that was not refused as it should be."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("words", nargs="*", help="only those whose name holds one of them")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="side by side")
+    parser.add_argument("--each", action="store_true", help="print a line for each")
+    options = parser.parse_args()
+    found = []
+    with TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
         os.environ["XDG_STATE_HOME"] = f"{scratch}/state"
-        paths = os.pathsep.join([str(TESTS), *filter(None, sys.path)])
         prepare = [sys.executable, "-c", PREPARE, scratch]
-        subprocess.run(
-            prepare, check=True, capture_output=True, env=os.environ | {"PYTHONPATH": paths}
-        )
+        made = subprocess.run(prepare, capture_output=True, text=True, env=os.environ | CODE)
+        if made.returncode:
+            sys.exit(f"no world to begin with: {made.stderr}")
         bundle = Path(scratch) / "packed" / "bundles" / "small"
         survey = Path(scratch) / "world" / "survey" / "hall_0dB"
-        found = []
-        chosen = refusals(bundle, survey, wanted=lambda name: not words or name_has(name, words))
+        # What refuses everything would refuse all of them.
+        inputs = {"bundle": bundle, "survey": survey}
+        sound = mapped("both", "sound", inputs=inputs, place=Path(scratch))
+        if sound.status:
+            sys.exit(f"a sound bundle and survey are refused: {sound.said}")
+        chosen = refusals(bundle, survey, words=options.words, workers=options.workers)
         for each in chosen:
             found.append(each)
-            line = each.said.strip().rpartition("given/")[2]
-            cost = f"{each.seconds:5.1f} s {each.memory >> 20:5} MiB"
-            print(f"{each.kind} {each.name:42} {cost}  {each.fault or line:.90}", flush=True)
-    faults = [each for each in found if each.fault]
-    slowest = max(each.seconds for each in found)
-    largest = max(each.memory for each in found) >> 20
-    print(f"{len(found)} given, {len(faults)} not refused as they should be;", end=" ")
-    print(f"at most {slowest:.1f} s and {largest} MiB")
-    sys.exit(bool(faults))
+            if options.each or each.fault:
+                print(line(each), flush=True)
+    print(table(found))
+    sys.exit(any(each.fault for each in found) or not found)
 
 
-def name_has(name: str, words: Sequence[str]) -> bool:
-    """Tell whether a name holds one of some words."""
-    return any(word in name for word in words)
+def line(each: Refusal) -> str:
+    """Return what there is to say of one: its cost, and its fault or how it was refused."""
+    said = each.said.strip().rpartition("given/")[2]
+    if each.fault:
+        said = f"{each.fault.upper()}: status {each.status}, {each.said.strip()[-300:]!a}"
+    cost = f"{each.seconds:5.1f} s {each.memory >> 20:5} MiB"
+    return f"{each.kind} {each.name:42} {cost}  {said if each.fault else said[:90]}"
+
+
+def table(found: Sequence[Refusal]) -> str:
+    """Return a line for each kind: how many, how many refused, the most that one has cost."""
+    groups = defaultdict(list)
+    for each in found:
+        groups[each.group].append(each)
+    lines = [f"{'kind':30} {'count':>6} {'refused':>8} {'most s':>7} {'most MiB':>9}"]
+    for group, members in [*groups.items(), ("all", list(found))]:
+        refused = sum(not each.fault for each in members)
+        seconds = max((each.seconds for each in members), default=0.0)
+        memory = max((each.memory for each in members), default=0) >> 20
+        lines.append(f"{group:30} {len(members):6} {refused:8} {seconds:7.1f} {memory:9}")
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":
