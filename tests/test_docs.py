@@ -94,7 +94,10 @@ def source(path: str, name: str) -> str:
 
 
 def test_the_page_follows_the_commands_that_make_something() -> None:
-    assert set(PATHS) == {*"generate train compare survey export check map".split(), "localize"}
+    assert set(PATHS) == {
+        *"generate train compare survey import export check map".split(),
+        "localize",
+    }
 
 
 @pytest.mark.parametrize("title", PATHS)

@@ -56,6 +56,7 @@ IMPLEMENTATIONS = {
     "runtime.engines": ["engine"],
     "simulation.noise": ["noise", "diffuse"],
     "simulation.rir": ["rir"],
+    "survey.sources": ["source"],
 }
 """Folders of implementations of one interface, with the groups of `conf` that offer them."""
 

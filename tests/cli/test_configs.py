@@ -22,7 +22,7 @@ from echolearn.survey import audio
 COMMANDS = sorted(path.stem for path in folder().glob("*.yaml"))
 FILES = sorted(path for path in folder().glob("*/*.yaml") if path.parent.name != "experiment")
 PLANS = sorted(path.stem for path in (folder() / "plan").glob("*.yaml"))
-USED_BY = {"room": "survey", "classifier": "train"}
+USED_BY = {"room": "survey", "classifier": "train", "source": "import"}
 """A command that has the group; `generate` has the others."""
 
 

@@ -19,7 +19,7 @@ from echolearn.survey.poses import poses_csv, read_poses
 
 CORNERS = "must be null, or 3 to 1000 distinct corners in order around an area"
 KEYS = (
-    "sample_rate, speed_of_sound, microphones, loudspeaker, direct_path, walls, "
+    "sample_rate, speed_of_sound, microphones, loudspeaker, direct_path, map, walls, "
     "heading_bias_sd_rad, conditions"
 )
 

@@ -61,6 +61,18 @@ def _survey(config: "Config") -> Path:
     )
 
 
+def _import(config: "Config") -> Path:
+    """Import published measurements as a recorded survey, with their truth and licence."""
+    from echolearn.survey.imported import import_survey
+
+    return import_survey(
+        runs=Path(config["runs"]),
+        folder=_path(config["folder"]),
+        **_built(config["scene"], "probe", prefix="scene."),
+        **_built(config, "name source protocol snr_db draw command"),
+    )
+
+
 def _compare(config: "Config") -> None:
     """Compare every trained run on every test set and survey: tables, tests, figures, report."""
     from echolearn.comparison.compare import compare
@@ -150,6 +162,7 @@ COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
     "generate": _generate,
     "train": _train,
     "survey": _survey,
+    "import": _import,
     "compare": _compare,
     "study": _study,
     "bench": _bench,

@@ -24,7 +24,7 @@ Job = tuple[str, dict[str, Any]]
 BY_CONTENT = ("generate", "train")
 """Commands that name their folders after all that goes into them."""
 
-BY_SWEEP = ("check", "map", "survey")
+BY_SWEEP = ("check", "import", "map", "survey")
 """Commands that name theirs after what a sweep varies, where usual names meet."""
 
 

@@ -22,6 +22,7 @@ KINDS = {
     "array": "echolearn.acoustics.types.MicArray",
     "classifier": "echolearn.classifiers.classifier.Classifier",
     "diffuse": "echolearn.acoustics.types.Noise",
+    "diffuse.source": "echolearn.simulation.noise.diffuse.Source",
     "engine": "echolearn.runtime.engine.Engine",
     "growing": "echolearn.dataset.plans.Plan",
     "localizer": "echolearn.localization.localizer.Localizer",
@@ -32,7 +33,7 @@ KINDS = {
     "rir": "echolearn.acoustics.types.Responder",
     "room": "echolearn.acoustics.types.Room",
     "scene": "echolearn.simulation.scene.Scene",
-    "source": "echolearn.simulation.noise.diffuse.Source",
+    "source": "echolearn.survey.measured.Source",
     "window": "echolearn.acoustics.geometry.SearchWindow",
 }
 """Kind of what stands at a place, by the last part of its dotted name."""
@@ -99,7 +100,10 @@ def imported(target: object, name: str) -> Callable[..., Any]:
 def _place(name: str) -> str:
     """Return which place a dotted name is; localizers have names of their own."""
     *before, last = name.split(".")
-    return "localizer" if before[-1:] == ["localizers"] else last
+    if before[-1:] == ["localizers"]:
+        return "localizer"
+    # What a field of noise consists of, and who has measured, share a name.
+    return f"diffuse.{last}" if [*before[-1:], last] == ["diffuse", "source"] else last
 
 
 def _kinds_of(name: str) -> tuple[type, ...]:

@@ -8,7 +8,7 @@ another was killed (`storage.journal`).
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,18 +18,18 @@ import numpy as np
 from echolearn.acoustics.rooms import check_inside, outline
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Pose, Room
-from echolearn.checks import BadValue, check, check_name, check_number, check_whole
+from echolearn.checks import check, check_name, check_number, check_whole
 from echolearn.runtime.progress import track
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import noise_alone, observe
 from echolearn.simulation.scene import Scene, noise_kind
 from echolearn.simulation.walk import trajectory
-from echolearn.storage import journal, manifests
+from echolearn.storage import journal
 from echolearn.storage.identity import plain
-from echolearn.storage.once import once
 from echolearn.survey import audio
 from echolearn.survey.description import description_bytes
+from echolearn.survey.making import made_once
 from echolearn.survey.poses import poses_csv
 from echolearn.survey.survey import NOISE
 
@@ -84,9 +84,7 @@ def survey(
     about = {"kind": "survey", "made_from": plain(origin | alone)}
     record = partial(_record, room, walk, scene=scene, levels=levels, seed=seed, seconds=seconds)
     folder = Path(runs) / "survey" / name
-    finished = partial(_finished, folder, about)
-    make = partial(_make, folder, about, record=record, command=command)
-    return once(folder, finished=finished, make=make, doing="records this survey")
+    return made_once(folder, about, begun=BEGUN, contents=record, command=command)
 
 
 def _walk(room: Room, scene: Scene, *, poses: int, start: float) -> list[Pose]:
@@ -96,25 +94,6 @@ def _walk(room: Room, scene: Scene, *, poses: int, start: float) -> list[Pose]:
     for pose in walk:
         check_inside(room, pose, array=scene.array)
     return walk
-
-
-def _make(
-    folder: Path,
-    about: Mapping[str, Any],
-    *,
-    record: Callable[[], Iterator[journal.Content]],
-    command: str | None,
-) -> Path:
-    """Write those files of a survey that are not there yet, and declare it finished."""
-    names = journal.make_missing(folder, about, contents=record(), begun=BEGUN)
-    try:
-        # Of a survey that was mended the manifest still holds, as whoever made it had it.
-        manifests.verify(folder)
-    except BadValue:
-        made = {**about, **manifests.command_entry(command)}
-        manifests.finish(folder, made, names, largest=manifests.FOREIGN)
-    journal.end(folder)
-    return folder
 
 
 def noise_length(scene: Scene, seconds: float | None) -> float:
@@ -150,37 +129,6 @@ def _given(levels: NoiseLevels) -> dict[str, Any]:
     given = {"snr_db": levels.snr_db, "sdnr_db": levels.sdnr_db}
     several = {"pings": int(levels.pings)} if levels.pings > 1 else {}
     return {key: float(level) for key, level in given.items() if level is not None} | several
-
-
-def _finished(folder: Path, about: Mapping[str, Any]) -> Path | None:
-    """Return the folder if the survey stands there whole; a damaged one is to be made again.
-
-    Raises:
-        BadValue: recordings of another origin, or a survey made with other settings.
-    """
-    empty = not folder.is_dir() or not any(folder.glob("[!.]*"))
-    # `simulated.json` may have been lost: any of the others tells as well that it is ours.
-    signs = (BEGUN, journal.JOURNAL, manifests.MANIFEST)
-    ours = empty or any((folder / name).is_file() for name in signs)
-    allowed = "must be a new name, or that of a simulated survey"
-    hint = f"{folder} holds recordings of another origin"
-    check(ours, "name", folder.name, allowed=allowed, hint=hint)
-
-    try:
-        manifest = manifests.load_manifest(folder)
-    except BadValue:
-        return None
-    allowed = "must be a new name, or that of a survey made with the same settings"
-    hint = f"{folder} was made with others, or by echolearn 0.1; remove it to make it anew"
-    same = all(manifest.get(key) == value for key, value in about.items())
-    check(same, "name", folder.name, allowed=allowed, hint=hint)
-
-    try:
-        manifests.verify(folder)
-    except BadValue:
-        return None
-    journal.end(folder)
-    return folder
 
 
 def _record(

@@ -22,6 +22,7 @@ PLACES = {
     "generate": "data",
     "train": "train",
     "survey": "survey",
+    "import": "survey",
     "compare": "compare",
     "study": "study",
     "export": "bundles",
@@ -31,7 +32,7 @@ PLACES = {
 }
 """Folders under `runs` in which commands make theirs; `bench` writes there itself."""
 
-PATHS = ("survey", "bundle", "run", "best", "readme", "page", "diffuse.source.path")
+PATHS = ("survey", "bundle", "run", "best", "readme", "page", "folder", "diffuse.source.path")
 """Keys of files and folders besides `runs`."""
 
 

@@ -81,6 +81,7 @@ TABLE = {
     "microphones": partial(check_metres, shape=(-1, 3)),
     "loudspeaker": partial(check_metres, shape=(3,)),
     "direct_path": ("removed", "present"),
+    "map": (True, False),
     "walls": nullable(check_outline),
     "heading_bias_sd_rad": partial(
         check_number, low=0.0, high=np.pi, unit="rad", hint="is it in degrees?"
@@ -94,7 +95,12 @@ TABLE = {
 }
 """Keys of `survey.yaml`, each with its check."""
 
-OPTIONAL: dict[str, Any] = {"walls": None, "heading_bias_sd_rad": 0.0, "conditions": {}}
+OPTIONAL: dict[str, Any] = {
+    "map": True,
+    "walls": None,
+    "heading_bias_sd_rad": 0.0,
+    "conditions": {},
+}
 """Keys that may be missing or null, and what is then read."""
 
 
@@ -108,7 +114,8 @@ def read_description(path: Path) -> dict[str, Any]:
     try:
         content = _load(path.read_text(encoding="utf-8"))
         if isinstance(content, dict):
-            content |= {key: content.get(key) or default for key, default in OPTIONAL.items()}
+            missing = {key for key in OPTIONAL if content.get(key) is None}
+            content |= {key: OPTIONAL[key] for key in missing}
         hint = "what else is known of a recording goes into conditions"
         check_plain("", content, table=TABLE, hint=hint)
     except BadValue as error:
@@ -153,25 +160,30 @@ def description_bytes(
     probe: Probe,
     *,
     speed_of_sound: float,
-    walls: Array,
+    walls: Array | None,
     conditions: Mapping[str, Any],
+    direct_path: str = "removed",
+    mapped: bool = True,
 ) -> bytes:
-    """Return the text of `survey.yaml` for recordings whose direct path has been removed.
+    """Return the text of `survey.yaml`.
 
     Args:
         array: the microphones, the loudspeaker at the origin.
         probe: what was emitted.
         speed_of_sound: in m/s.
-        walls: corners of the room, shape (C, 2), in m.
+        walls: corners of the room, shape (C, 2), in m; None where they are not known.
         conditions: what is known of the recordings.
+        direct_path: "removed" or "present".
+        mapped: whether echoes can be placed on a map; if not, they are times and directions only.
     """
     content = {
         "sample_rate": float(probe.sample_rate),
         "speed_of_sound": float(speed_of_sound),
         "microphones": array.positions.tolist(),
         "loudspeaker": [0.0, 0.0, 0.0],
-        "direct_path": "removed",
-        "walls": np.asarray(walls).tolist(),
+        "direct_path": direct_path,
+        **({} if mapped else {"map": False}),
+        **({} if walls is None else {"walls": np.asarray(walls).tolist()}),
         "conditions": dict(conditions),
     }
     return yaml.safe_dump(content, sort_keys=False).encode()

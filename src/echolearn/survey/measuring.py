@@ -75,7 +75,7 @@ def measure_walk(survey: Survey) -> Walk:
 def _measure(survey: Survey, pose: int) -> tuple[Levels, Direct, Echo, Array, float]:
     """Measure one recording."""
     probe = survey.probe
-    lags = time_zero.expected(survey.array, probe, survey.speed_of_sound)
+    lags = time_zero.expected(survey.around(pose), probe, survey.speed_of_sound)
     about, samples = levels.measure_levels(survey.recording(pose), probe)
     found = arrivals(samples, probe)
     direct = (

@@ -1,10 +1,11 @@
 """The table of a recorded survey, `poses.csv`: read as a stranger writes it, and written.
 
     index,x_m,y_m,z_m,heading_rad,file[,pose_sd_m][,heading_sd_rad]
+        [,loudspeaker_x_m,loudspeaker_y_m,loudspeaker_z_m]
 
-A row is a pose. `CELLS` and `ERRORS` name the columns, each with the function that reads a cell of
-it; further columns are not looked at. Rows without a single cell, as spreadsheets leave them, are
-none. Errors count rows as spreadsheets do.
+A row is a pose. `CELLS`, `ERRORS` and `APART` name the columns, each with the function that reads a
+cell of it; further columns are kept as they are. Rows without a single cell, as spreadsheets leave
+them, are none. Errors count rows as spreadsheets do.
 """
 
 import csv
@@ -14,11 +15,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from echolearn.acoustics.types import Pose
+from echolearn.acoustics.types import Array, Pose
 from echolearn.checks import BadValue, check
 from echolearn.storage.files import one_line
 from echolearn.survey.audio import check_size
@@ -112,8 +113,35 @@ ERRORS: dict[str, Callable[[str, Any], Any]] = {
 """Columns that `poses.csv` may have: how far a pose may be off, one standard deviation."""
 
 
-def read_poses(path: Path) -> tuple[tuple[int, ...], tuple[Pose, ...], tuple[str, ...]]:
-    """Return index, pose and file of every row of `poses.csv`.
+APART: dict[str, Callable[[str, Any], Any]] = {
+    "loudspeaker_x_m": METRES,
+    "loudspeaker_y_m": METRES,
+    "loudspeaker_z_m": METRES,
+}
+"""Columns that `poses.csv` has, all three, where the loudspeaker moves on its own: its place in the
+room's frame; `x_m`, `y_m`, `z_m` are then of the origin of the robot's frame."""
+
+
+class Poses(NamedTuple):
+    """What `poses.csv` holds, a row for each of P poses.
+
+    Attributes:
+        numbers: `index`.
+        poses: where the robot stood.
+        files: recordings, relative to the survey's folder.
+        loudspeakers: places of a loudspeaker that moves on its own, shape (P, 3), in m, or None.
+        further: cells of all other columns, by name, as texts.
+    """
+
+    numbers: tuple[int, ...]
+    poses: tuple[Pose, ...]
+    files: tuple[str, ...]
+    loudspeakers: Array | None
+    further: Mapping[str, tuple[str, ...]]
+
+
+def read_poses(path: Path) -> Poses:
+    """Return what every row of `poses.csv` says.
 
     Raises:
         BadValue: no table, no rows, or a cell that is missing or malformed, with its row as
@@ -136,7 +164,17 @@ def read_poses(path: Path) -> tuple[tuple[int, ...], tuple[Pose, ...], tuple[str
     allowed = "must have each number once"
     check(times == 1, f"{path} index", f"{most}, {times} times", allowed=allowed, hint=NAMES)
     check_walk(str(path), sorted(rows, key=lambda row: row["index"]))
-    return numbers, tuple(map(_pose, rows)), tuple(row["file"] for row in rows)
+    known = {*CELLS, *ERRORS, *APART}
+    apart = None
+    if "loudspeaker_x_m" in rows[0]:
+        apart = np.array([[row[name] for name in APART] for row in rows])
+    return Poses(
+        numbers,
+        tuple(map(_pose, rows)),
+        tuple(row["file"] for row in rows),
+        apart,
+        {name: tuple(row[name] for row in rows) for name in rows[0] if name not in known},
+    )
 
 
 def _pose(row: Mapping[str, Any]) -> Pose:
@@ -155,7 +193,12 @@ def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
         hint = "is it separated by commas?"
         check(not missing, str(path), f"without {', '.join(missing)}", allowed=allowed, hint=hint)
         table.fieldnames = columns
-        cells = CELLS | {name: read for name, read in ERRORS.items() if name in columns}
+        lacking = [name for name in APART if name not in columns]
+        allowed = f"must have all of {', '.join(APART)}, or none"
+        check(len(lacking) in (0, 3), str(path), f"without {', '.join(lacking)}", allowed=allowed)
+        optional = ERRORS | APART
+        cells = CELLS | {name: read for name, read in optional.items() if name in columns}
+        further = [name for name in columns if name and name not in cells]
         for row in table:
             name = f"{path} row {table.line_num}"
             beyond = row.pop(None, [])
@@ -165,14 +208,28 @@ def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
             check(
                 not any(beyond), name, count, allowed=f"must be {len(columns)} cells", hint=BY_POINT
             )
-            yield {column: read(f"{name} {column}", row[column]) for column, read in cells.items()}
+            found = {key: read(f"{name} {key}", row[key]) for key, read in cells.items()}
+            yield found | {column: str(row[column] or "").strip() for column in further}
 
 
-def poses_csv(poses: Sequence[Pose], files: Sequence[str]) -> bytes:
-    """Return the text of `poses.csv`."""
+def poses_csv(
+    poses: Sequence[Pose],
+    files: Sequence[str],
+    *,
+    further: Mapping[str, Sequence[object]] | None = None,
+) -> bytes:
+    """Return the text of `poses.csv`.
+
+    Args:
+        poses: P poses.
+        files: their recordings.
+        further: P cells of other columns, by name.
+    """
     text = StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(CELLS)
+    others = further or {}
+    rows.writerow([*CELLS, *others])
     for index, (pose, file) in enumerate(zip(poses, files, strict=True)):
-        rows.writerow([index, *map(float, pose.position), float(pose.heading), file])
+        own = [index, *map(float, pose.position), float(pose.heading), file]
+        rows.writerow([*own, *(column[index] for column in others.values())])
     return text.getvalue().encode()

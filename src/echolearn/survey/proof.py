@@ -16,11 +16,14 @@ from echolearn.survey.description import LARGEST_YAML
 from echolearn.survey.poses import LARGEST_CSV
 from echolearn.survey.reader import read_survey
 from echolearn.survey.survey import CALIBRATION, NOISE, Survey
+from echolearn.survey.truth import LARGEST_TRUTH, TRUTH
 
 LIMITS = {
     "survey.yaml": LARGEST_YAML,
     "poses.csv": LARGEST_CSV,
+    TRUTH: LARGEST_TRUTH,
     "simulated.json": 16 << 20,
+    "imported.json": 16 << 20,
     ".wav": LARGEST,
     ".flac": LARGEST,
 }
@@ -35,7 +38,7 @@ NAMED = f"must be among the files that {manifests.MANIFEST} names"
 
 def used(survey: Survey) -> list[str]:
     """Return the names of the files that a map depends on."""
-    beside = [name for name in (NOISE, CALIBRATION) if (survey.folder / name).exists()]
+    beside = [name for name in (NOISE, CALIBRATION, TRUTH) if (survey.folder / name).exists()]
     return ["survey.yaml", "probe.wav", "poses.csv", *beside, *dict.fromkeys(survey.files)]
 
 

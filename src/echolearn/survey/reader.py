@@ -5,21 +5,27 @@
                          direct_path: removed | present (it is removed when read, `direct_path.py`),
                          optional walls: outline (C x 2, m) for scoring,
                          optional heading_bias_sd_rad: of an error common to all headings,
+                         optional map: false where echoes are times and directions only,
                          optional conditions: whatever is known of how it was recorded (snr_db,
                          noise, ...)
     probe.wav            the burst, one channel, then silence up to the length of a recording
     poses.csv            index,x_m,y_m,z_m,heading_rad,file (`poses.py`)
+    truth.csv            optional: true echoes of the poses (`truth.py`)
     observations/*       M channels each, WAV (float32 or PCM) or FLAC
     noise.wav            optional: M channels of noise alone, of any length, the loudspeaker silent
     calibration.wav      optional, if the direct path is present: M channels of it alone, recorded
                          in a free room
 
-Positions are of the loudspeaker in the room's frame; times count from the emission.
+Positions are of the loudspeaker in the room's frame, or of the robot where a loudspeaker moves on
+its own and has columns of its own; times count from the emission.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from echolearn.acoustics.types import MicArray, Probe
+import numpy as np
+
+from echolearn.acoustics.types import Array, MicArray, Pose, Probe
 from echolearn.checks import check
 from echolearn.storage import manifests
 from echolearn.survey import audio
@@ -27,6 +33,7 @@ from echolearn.survey.containers import Containers, numbers_of
 from echolearn.survey.description import read_description
 from echolearn.survey.poses import read_poses
 from echolearn.survey.survey import CALIBRATION, NOISE, Survey
+from echolearn.survey.truth import TRUTH, read_truth
 
 LONGEST = 1 << 20
 """Samples that a recording of one channel may have."""
@@ -53,7 +60,7 @@ def read_survey(folder: Path) -> Survey:
     hint = "this is a bundle; did you swap survey and bundle?"
     check(not swapped, "survey", folder, allowed=allowed, hint=hint)
     # A link could make the map a copy of any file of this machine.
-    for name in ("survey.yaml", "probe.wav", "poses.csv", NOISE, CALIBRATION):
+    for name in ("survey.yaml", "probe.wav", "poses.csv", NOISE, CALIBRATION, TRUTH):
         check(inside(folder, name), f"{folder}/{name}", "a link", allowed=INSIDE)
 
     about = read_description(folder / "survey.yaml")
@@ -65,23 +72,39 @@ def read_survey(folder: Path) -> Survey:
 
     probe = folder / "probe.wav"
     stored = numbers_of([probe])
-    numbers, poses, files = read_poses(folder / "poses.csv")
-    for file in dict.fromkeys(files):
+    walked = read_poses(folder / "poses.csv")
+    for file in dict.fromkeys(walked.files):
         check(inside(folder, file), f"{folder}/poses.csv file", file, allowed=INSIDE)
+    truth = folder / TRUTH
     return Survey(
         folder=folder,
         probe=_read_probe(probe, about["sample_rate"], scale=stored.scale),
         array=MicArray(about["microphones"] - about["loudspeaker"]),
         speed_of_sound=about["speed_of_sound"],
-        poses=poses,
-        files=files,
-        numbers=numbers,
+        poses=walked.poses,
+        files=walked.files,
+        numbers=walked.numbers,
         walls=about["walls"],
         conditions=about["conditions"],
         heading_bias_sd=float(about["heading_bias_sd_rad"]),
         direct=("calibration" if calibrated else "fitted") if present else None,
         containers=Containers(probe=stored),
+        mapped=about["map"],
+        loudspeakers=_carried_to(walked.loudspeakers, walked.poses),
+        truth=read_truth(truth, walked.numbers) if truth.exists() else None,
+        further=walked.further,
     )
+
+
+def _carried_to(places: Array | None, poses: Sequence[Pose]) -> Array | None:
+    """Return places (P, 3) of the room's frame in that of the robot at each pose."""
+    if places is None:
+        return None
+    offset = places - np.array([pose.position for pose in poses])
+    heading = np.array([pose.heading for pose in poses])
+    cos, sin = np.cos(heading), np.sin(heading)
+    x, y, z = offset.T
+    return np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=-1)
 
 
 def _read_probe(path: Path, sample_rate: float, *, scale: float) -> Probe:

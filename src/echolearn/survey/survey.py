@@ -7,7 +7,7 @@ describes the walk has been read and checked before (`reader.py`).
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from echolearn.acoustics import signals
-from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Probe
+from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Probe, Truth
 from echolearn.checks import check
 from echolearn.survey import audio, direct_path
 from echolearn.survey.containers import Containers
@@ -54,6 +54,11 @@ class Survey:
         gains: factors of the microphones, shape (M,), 0 for one that is left out; None leaves them.
         containers: how the numbers of its files are stored, where headers do not tell.
         mending: what is mended in recordings before anything else looks at them (`health`).
+        mapped: whether echoes can be placed on a map; if not, they are times and directions only.
+        loudspeakers: places of a loudspeaker that moves on its own, in the robot's frame, shape
+            (P, 3), in m; None where it is carried.
+        truth: true echoes of each pose, or None where they are not known.
+        further: cells of further columns of `poses.csv`, by name, P texts each.
     """
 
     folder: Path
@@ -71,6 +76,10 @@ class Survey:
     gains: Array | None = None
     containers: Containers = Containers()
     mending: Mending | None = None
+    mapped: bool = True
+    loudspeakers: Array | None = None
+    truth: tuple[Truth, ...] | None = None
+    further: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def observe(self, poses: Sequence[int]) -> Observation:
         """Read the recordings of the numbered poses, samples (B, M, N), without the direct path.
@@ -83,7 +92,7 @@ class Survey:
         """
         samples = np.stack([self.mended(pose) for pose in poses])
         if self.direct:
-            gain = direct_path.free_field(self.array) if self.direct == "analytic" else None
+            gain = self._free_field(poses) if self.direct == "analytic" else None
             samples = direct_path.remove(samples, self._arrivals(poses), gain=gain)
         psd, covariance = self.noise_statistics
         return Observation(
@@ -100,13 +109,31 @@ class Survey:
         samples = self.recording(pose)
         return samples if self.mending is None else self.mending(samples, pose)
 
+    def around(self, pose: int) -> MicArray:
+        """Return the microphones around the loudspeaker as it stood at a pose."""
+        if self.loudspeakers is None:
+            return self.array
+        return MicArray(self.array.positions - self.loudspeakers[pose])
+
+    def _free_field(self, poses: Sequence[int]) -> Array:
+        """Return the gains of the free field at some poses, shape (B, M)."""
+        return np.stack([direct_path.free_field(self.around(pose)) for pose in poses])
+
     def _arrivals(self, poses: Sequence[int]) -> Array:
         """Return the direct path as it is in some recordings, shape (M, N) or (B, M, N)."""
+        arrived = self.arrivals
+        if self.loudspeakers is not None and self.direct != "calibration":
+            speed = self.speed_of_sound
+            each = [
+                direct_path.delayed(self.probe, self.around(pose), speed_of_sound=speed)
+                for pose in poses
+            ]
+            arrived = np.stack(each)
         if self.mending is None or not (self.mending.latency < 0).any():
-            return self.arrivals
+            return arrived
         # What was lost is not there to be subtracted, nor does it tell the gain.
         lost = -self.mending.latency[list(poses), None, None]
-        return np.where(np.arange(self.probe.length) >= lost, self.arrivals, 0.0)
+        return np.where(np.arange(self.probe.length) >= lost, arrived, 0.0)
 
     @property
     def used(self) -> Array:
