@@ -28,7 +28,10 @@ USED_BY = {"room": "survey", "classifier": "train", "source": "import"}
 
 HUM = Path(tempfile.mkdtemp()) / "hum.wav"
 HUM.write_bytes(audio.wav_bytes(np.sin(np.arange(5000)), 22050.0))
-NEEDED = {"diffuse=recorded": [f"diffuse.source.path={HUM}"]}
+NEEDED = {
+    "diffuse=recorded": [f"diffuse.source.path={HUM}"],
+    "scene=array": ["scene.array.positions=[[0.1,0,0],[0,0.1,0]]"],
+}
 """What a file leaves to the user."""
 
 

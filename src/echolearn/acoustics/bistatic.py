@@ -119,6 +119,30 @@ def wall_distance(
     return np.asarray(np.linalg.norm(array.centre + away[..., None] * toward, axis=-1)) / 2.0
 
 
+def upright_elevation(
+    toa: Array, azimuth: Array, *, array: MicArray, speed_of_sound: float = SPEED_OF_SOUND
+) -> Array:
+    """Return the elevation at which the array's centre sees the echo of an upright wall, in rad.
+
+    The wall's mirror source is as high as the loudspeaker, the centre may be higher or lower. With
+    e level in the direction phi and r e the level part of rho v,
+
+        |c + r e - p_1|^2 = L^2 in the plane of the loudspeaker,    tan(elevation) = r / -c_z.
+
+    Args:
+        toa: at microphone 1, in s, shape (...).
+        azimuth: of the echo, robot frame, shape (...), in rad.
+        array: its first microphone is the reference.
+        speed_of_sound: in m/s.
+    """
+    x, y, z = array.centre
+    reference = array.positions[0, :2] - (x, y)
+    along = direction(azimuth, np.pi / 2)[..., :2] @ reference
+    level = (speed_of_sound * np.asarray(toa)) ** 2 - array.positions[0, 2] ** 2
+    square = along**2 - reference @ reference + level
+    return np.asarray(np.arctan2(along + np.sqrt(np.maximum(square, 0.0)), -z))
+
+
 def wall_points(
     toa: Array,
     azimuth: Array,

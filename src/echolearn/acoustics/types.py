@@ -117,9 +117,9 @@ class MicArray:
     @cached_property
     def centre(self) -> Array:
         """Mean of the microphones, from which directions of arrival are seen, shape (3,), in m."""
-        middle: Array = self.positions.mean(axis=0)
+        middle = self.positions.mean(axis=0)
         # A ring's middle is its loudspeaker but for rounding.
-        return middle if np.linalg.norm(middle) >= 1e-9 else np.zeros(3)
+        return np.where(np.abs(middle) < 1e-9, 0.0, middle)
 
     @property
     def reach(self) -> float:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from echolearn.acoustics.bistatic import upright_elevation
 from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.localization import correlations
@@ -37,7 +38,22 @@ def joint_echoes(search: Search, peaks: Sequence[Peak]) -> Echoes:
         score = peak.height / np.sqrt(np.where(largest > 0, largest, np.inf))
         rows.append([*peak, np.clip(score, -1.0, 1.0)])
     lag, azimuth, elevation, gain, height, score = _strongest_first(np.stack(rows, axis=-1))
-    return Echoes(matched.toa(lag), score, gain, azimuth, elevation, height**2)
+    found = Echoes(matched.toa(lag), score, gain, azimuth, elevation, height**2)
+    return from_upright_walls(matched, found)
+
+
+def from_upright_walls(matched: MatchedFilter, echoes: Echoes) -> Echoes:
+    """Return echoes found in the level plane with the elevation that upright walls give them.
+
+    An array higher or lower than its loudspeaker sees their mirror sources a little below or above.
+    """
+    array = matched.observation.array
+    if array.centre[2] == 0.0:
+        return echoes
+    speed = matched.observation.speed_of_sound
+    seen = upright_elevation(echoes.toa, echoes.azimuth, array=array, speed_of_sound=speed)
+    level = echoes.elevation == np.pi / 2
+    return replace(echoes, elevation=np.where(level, seen, echoes.elevation))
 
 
 def _strongest_first(columns: Array) -> Array:
@@ -89,12 +105,13 @@ def mpdr_echoes(matched: MatchedFilter, times: Echoes, *, mpdr: Mpdr) -> Echoes:
     if echoes > 1:
         best = assign(matched, times.toa, summits=summits(power, echoes))
     azimuth, elevation = mpdr.directions
-    return replace(
+    found = replace(
         times,
         azimuth=azimuth[best],
         elevation=elevation[best],
         power=np.take_along_axis(power, best, axis=-1).astype(float),
     )
+    return from_upright_walls(matched, found)
 
 
 def summits(power: Array, count: int) -> Array:

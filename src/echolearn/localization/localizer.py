@@ -7,6 +7,7 @@ is made and `prepare` where it is called, and takes its further steps from `esti
 
 from typing import Protocol
 
+from echolearn.acoustics.arrays import limits, tells_azimuth
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.checks import check, check_choice, check_fields
@@ -90,8 +91,16 @@ def prepare(
         reference: whether times come from microphone 1 alone, which must not be silent then.
 
     Raises:
-        BadValue: recordings that cannot be analysed (`faults`), or hold too few lags for R echoes.
+        BadValue: recordings that cannot be analysed (`faults`), or hold too few lags for R echoes,
+            or an array that hears no azimuth.
     """
+    # Of one microphone nobody expects a direction; of several it would be taken for one.
+    check(
+        len(observation.array) == 1 or tells_azimuth(observation.array),
+        "array.positions",
+        limits(observation.array),
+        allowed="must not stand one above another; a localizer's echoes have azimuths",
+    )
     grid = (localizer.window, localizer.azimuths)
     if view is None or (view.window, view.azimuths) != grid:
         view = MatchedFilter(observation, *grid)

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from echolearn.acoustics import signals
+from echolearn.acoustics.arrays import tells_up
 from echolearn.acoustics.geometry import SearchWindow, relative_delays
 from echolearn.acoustics.types import Array, Observation
 from echolearn.checks import check, check_whole
@@ -96,12 +97,14 @@ class MatchedFilter:
 
     @cached_property
     def directions(self) -> tuple[Array, Array]:
-        """Azimuths and elevations of the steered response, each (A,): the array's plane, its axis.
+        """Azimuths and elevations of the steered response, each (A,): the level plane, its axis.
 
-        Walls are in the plane of a robot that stands upright, floor and ceiling on its axis.
+        Walls are in the plane of a robot that stands upright, floor and ceiling on its axis: above
+        stands for below, too, where the array cannot tell them apart.
         """
         azimuth, elevation = direction_grid(self.azimuths)
-        return np.append(azimuth, 0.0), np.append(elevation, 0.0)
+        axis = [0.0, np.pi] if tells_up(self.observation.array) else [0.0]
+        return np.append(azimuth, np.zeros(len(axis))), np.append(elevation, axis)
 
     @cached_property
     def steered(self) -> Array:

@@ -35,7 +35,12 @@ FINER = 4
 """Points per lag at which whitened recordings of one microphone are searched."""
 
 FINER_JOINT = 2
-"""The same of all microphones, where a crest that one has missed is met at another."""
+"""The same of all microphones, where a crest that one has missed is met at another, and of arrays
+so small that all miss it together."""
+
+SMALL = 6.0
+"""Samples from the centre of an array to its farthest microphone below which a lag and a direction
+are hardly told apart, 9 cm at 22 050 Hz: the grid is finer, and a climb may leave its cell."""
 
 Place = tuple[Array, Array, Array]
 """Lag in samples after the window's first, azimuth and elevation in rad: each (B,)."""
@@ -127,7 +132,7 @@ class Search:
     def is_plain(self) -> bool:
         """Whether J on the grid is the plain sum over all microphones, a point per lag."""
         whole = len(self.array) == len(self.view.observation.array)
-        return whole and not self.view.white and bool((self.weights == 1.0).all())
+        return whole and self.finer == 1 and bool((self.weights == 1.0).all())
 
     def only(self, rows: Array) -> "Search":
         """Return the search of some of the observations."""
@@ -170,7 +175,7 @@ class Search:
         read = partial(derivatives, fft.rfft(weighted), size=size)
         lag, azimuth, elevation = place
         start = np.stack([lag, azimuth])
-        cell = np.array([[1.0], [2 * np.pi / max(len(self.directions[0]) - 1, 1)]])
+        cell = np.array([[1.0], [self.turn]])
         bottom = np.array([[0.0], [-np.inf]])
         top = np.array([[size - 2 * PAD - 1.0], [np.inf]])
 
@@ -185,6 +190,14 @@ class Search:
         # A step from where J is nearly flat may end anywhere.
         lag, azimuth = np.where(after > before, here, start)
         return lag, np.angle(np.exp(1j * azimuth)), elevation
+
+    @property
+    def turn(self) -> float:
+        """How far a climb may turn: a cell of the grid, of a small array as far as a lag does."""
+        cell = 2 * np.pi / max(len(self.directions[0]) - 1, 1)
+        reach = self.array.reach * self.view.scale
+        # Half a lag beside the true one, its best direction may be several cells beside, too.
+        return max(cell, 1.0 / reach) if 0 < reach < SMALL else cell
 
     def _height(self, read: Callable[[Array], Array], place: Place) -> Array:
         """Return J, or J / sqrt(E) in noise that microphones share, shape (B,)."""
@@ -241,8 +254,8 @@ def joint_search(
     check_extent(matched)
     if weights is None:
         weights = (~matched.silent).astype(float)
-    finer = FINER_JOINT if matched.white else 1
     array = matched.observation.array
+    finer = FINER_JOINT if matched.white or array.reach * matched.scale < SMALL else 1
     return Search(matched, array, matched.directions, weights, refine, finer, spatial)
 
 

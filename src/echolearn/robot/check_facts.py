@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from echolearn.acoustics.arrays import limits, plane_wave_error
 from echolearn.acoustics.types import Array
 from echolearn.survey.health import Health
 from echolearn.survey.survey import Survey
@@ -92,7 +93,11 @@ def _figures(survey: Survey, health: Health) -> list[tuple[str, str, str]]:
     late = middle(health.latency_samples)
     spread = extent(health.latency_samples)
     clipped = 100 * float(health.clipping.max())
+    array = survey.array
+    bent = plane_wave_error(array, distance=1.0) * rate / survey.speed_of_sound
     return [
+        ("array", f"{len(array)} microphones", limits(array)),
+        ("curved waves", f"{bent:.1f} samples", "off plane ones, of a wall 1 m away"),
         ("latency", readable(late, "{:z.1f} samples"), readable(late / rate * 1e3, "{:z.2f} ms")),
         ("spread of latency", readable(spread, "{:z.1f} samples"), "over poses and microphones"),
         ("SNR", readable(middle(health.snr_db), "{:.0f} dB"), _lowest(health)),

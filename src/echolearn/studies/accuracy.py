@@ -6,7 +6,7 @@ samples with the one nearest in direction.
 | metric  | the estimate ...                                                                   |
 |---------|------------------------------------------------------------------------------------|
 | toa     | lies within 5 samples of its wall's TOA (the paper, V-B)                           |
-| doa     | lies within 5 degrees of its wall; a planar array need not tell up from down       |
+| doa     | lies within 5 degrees of its wall; what an array cannot tell apart counts as one   |
 | doa_any | lies within 5 degrees of any wall's azimuth: the paper's rule, often met by chance |
 | on_map  | lies, as a map point, within 0.10 m of a wall                                      |
 
@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from echolearn.acoustics.arrays import distinct
 from echolearn.acoustics.bistatic import wall_points
 from echolearn.acoustics.geometry import SearchWindow, direction
 from echolearn.acoustics.rooms import distance_to_outline, outline, true_echoes
@@ -95,12 +96,9 @@ def is_right(estimates: Array, *, room: Room, pose: Pose, scene: Scene) -> Array
     toa, azimuth, elevation = estimates.T
     late = np.abs(toa[:, None] - truth.toa) * scene.probe.sample_rate
 
-    # A planar array cannot tell up from down: both are mirrored into the upper half.
-    estimated = direction(azimuth, elevation)
-    reference = direction(truth.azimuth, truth.elevation)
-    if np.ptp(scene.array.positions[:, 2]) == 0.0:
-        estimated[:, 2] = np.abs(estimated[:, 2])
-        reference[:, 2] = np.abs(reference[:, 2])
+    # What an array cannot tell apart counts as one: up and down of a plane.
+    estimated = distinct(scene.array, direction(azimuth, elevation))
+    reference = distinct(scene.array, direction(truth.azimuth, truth.elevation))
     away = np.degrees(np.arccos(np.clip(estimated @ reference.T, -1.0, 1.0)))
 
     # Walls within the tolerance come before all others, and among them the direction decides.

@@ -25,7 +25,7 @@ from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.checks import check_choice
 from echolearn.localization.beamforming import invert, regularize
 from echolearn.localization.correlations import PAD, interpolate
-from echolearn.localization.estimates import reference_echoes
+from echolearn.localization.estimates import from_upright_walls, reference_echoes
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import GATE, MatchedFilter, check_extent
 from echolearn.storage.identity import LATER
@@ -70,12 +70,13 @@ class Gated:
         power = np.stack(spectra, axis=1)
         best = power.argmax(axis=-1)
         azimuth, elevation = matched.directions
-        return replace(
+        found = replace(
             times,
             azimuth=azimuth[best],
             elevation=elevation[best],
             power=power.max(axis=-1).astype(float),
         )
+        return from_upright_walls(matched, found)
 
     def spectrum(self, matched: MatchedFilter, index: Array) -> Array:
         """Return the beam's power over directions around lag indices (B,), shape (B, A)."""
