@@ -67,6 +67,18 @@ def stretch(walk: Array, recording: int, *, start: int, put: Array | float) -> A
     return walk
 
 
+def dropped(count: int, at: int, recordings: slice) -> Change:
+    """Return the change that loses so many samples from some recordings, silence at their end."""
+
+    def change(walk: Array) -> Array:
+        rest = walk[recordings, :, at + count :]
+        walk = walk.copy()
+        walk[recordings, :, at:] = np.pad(rest, ((0, 0), (0, 0), (0, count)))
+        return walk
+
+    return change
+
+
 def hum(level: float, *hertz: float) -> Array:
     """Return tones of so many times the walk's rms, the second and others softer, shape (N,)."""
     rms = walk(direct=False).std()
@@ -138,6 +150,16 @@ REFUSED: dict[str, tuple[bool, Change, str]] = {
         True,
         lambda x: stretch(x, 7, start=512, put=x[7, :, 256:512]),
         "repeated samples=256 in recording 7: must be sound",
+    ),
+    "lost within the direct path": (
+        True,
+        dropped(128, 700, slice(5, 6)),
+        "lost within the direct path=128 samples in recording 5: the burst must arrive as a whole",
+    ),
+    "lost near its end, always": (
+        True,
+        dropped(1024, 1300, slice(None)),
+        "lost within the direct path=parts of the burst in all 8 recordings",
     ),
     "dead": (
         False,

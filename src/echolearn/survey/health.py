@@ -24,6 +24,7 @@ from echolearn.survey.containers import Containers, numbers_of, told
 from echolearn.survey.echoes import Echo
 from echolearn.survey.measuring import Walk, decibels, measure_walk
 from echolearn.survey.mending import Mending
+from echolearn.survey.shape import judge_shape
 from echolearn.survey.survey import CALIBRATION, NOISE, Survey
 from echolearn.survey.time_zero import Direct, TimeZero
 
@@ -102,7 +103,9 @@ def examine(survey: Survey) -> Health:
     verdicts = judge_channels(walk)
     zero = _zero(walk, verdicts.alive)
     begun = _calibration(walk, verdicts.alive)
-    verdicts.refused += (*zero.refused, *begun.refused)
+    # What is lost within the direct path makes time zero wrong besides.
+    lost = judge_shape(walk.shape, survey.probe.samples, numbers=walk.numbers)
+    verdicts.refused += (*lost, *zero.refused, *begun.refused)
     mending = _mending(walk, zero, used=verdicts.alive, calibration=float(begun.late[0]))
     negative = _negative(walk.echo.sign * mending.sign * verdicts.alive)
     rest = walk.level[:, survey.used].mean(axis=1) / np.maximum(walk.noise, 1e-30) - 1.0
@@ -185,7 +188,7 @@ def _mending(walk: Walk, zero: TimeZero, *, used: Array, calibration: float) -> 
         latency=zero.late,
         calibration=calibration,
         sign=np.where(used, _signs(walk.direct, walk.echo), 1.0),
-        offset=walk.levels.shifted & used,
+        offset=levels.steady(walk.levels) & used,
         tones=walk.tones,
     )
 

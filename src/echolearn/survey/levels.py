@@ -19,6 +19,9 @@ OFFSET = 0.25
 ALONE = 16.0
 """Power of an offset over that of its neighbours from which it stands out."""
 
+STEADY = 0.7
+"""Share of recordings in which a channel has an offset, all to one side."""
+
 MAINS = (50.0, 60.0)
 OTHERS = (37.0, 43.0, 71.0, 83.0)
 """Fundamental frequencies in Hz of the mains, and of combs to compare with."""
@@ -98,7 +101,22 @@ def stands_out(offset: Array, rest: Array) -> Array:
     # The lowest frequencies alone, without the transform of all.
     low = _heights(rest, tuple(k / length for k in range(1, 9)))
     beside = np.mean(np.abs(low) ** 2, axis=-1) / length**2
-    return (np.abs(offset) > OFFSET * rest.std(axis=-1)) & (offset**2 > TONE * beside)
+    # A closed room gathers pressure while it is sounded into, which fades with the sound.
+    ends = (rest[:, : length // 16 + 1], rest[:, -length // 4 :])
+    first, last = ((each.mean(axis=-1) + offset) * offset > offset**2 / 2 for each in ends)
+    much = np.abs(offset) > OFFSET * rest.std(axis=-1)
+    return first & last & much & (offset**2 > ALONE * beside)
+
+
+def steady(levels: Levels) -> Array:
+    """Tell which offsets of P recordings are a converter's, fields (P, ...), shape (P, M), bool.
+
+    That of a channel is alike in all recordings; the rumble of motors has either sign.
+    """
+    shifted = np.asarray(levels.shifted)
+    sides = np.sum(shifted * np.sign(levels.offset), axis=0)
+    same: Array = shifted & (np.abs(sides) > STEADY * len(shifted))
+    return same
 
 
 def mains(samples: Array, sample_rate: float) -> tuple[float, ...]:
@@ -127,6 +145,9 @@ def mains(samples: Array, sample_rate: float) -> tuple[float, ...]:
     powers = comb(slow, near / rate).sum(axis=-1)
     best = int(powers.sum(axis=-1).argmax())
     loud = powers[best] > np.maximum(beside.sum() / HARMONICS * TONE, HUM / 20 * powers[best].max())
+    # Motors have other lowest tones than the mains and its rectifiers.
+    if not loud[:2].any():
+        return ()
     return tuple(float(near[best] * k / sample_rate) for k in np.flatnonzero(loud) + 1)
 
 

@@ -10,6 +10,7 @@ from echolearn.survey import echoes, levels, time_zero
 from echolearn.survey.arrivals import arrivals
 from echolearn.survey.echoes import Echo
 from echolearn.survey.levels import Levels
+from echolearn.survey.shape import Shape, shape_of
 from echolearn.survey.survey import Survey
 from echolearn.survey.time_zero import Direct
 
@@ -24,7 +25,7 @@ class Walk(NamedTuple):
 
     Attributes:
         survey: what was measured.
-        levels, direct, echo: of `levels`, `time_zero` and `echoes`, fields (P, ...).
+        levels, direct, shape, echo: of `levels`, `time_zero`, `shape`, `echoes`, fields (P, ...).
         level: mean square of each channel in the probe's band, shape (P, M).
         noise: that of the quietest stretch, of all microphones together, shape (P,).
         tones: frequencies of the mains in each recording, in cycles per sample.
@@ -33,6 +34,7 @@ class Walk(NamedTuple):
     survey: Survey
     levels: Levels
     direct: Direct
+    shape: Shape
     echo: Echo
     level: Array
     noise: Array
@@ -58,13 +60,14 @@ def measure_walk(survey: Survey) -> Walk:
     """Return what is measured of every recording of a survey."""
     rows = [_measure(survey, pose) for pose in range(len(survey.poses))]
     kinds = zip(*rows, strict=True)
-    about, direct, echo, level, noise = kinds
+    about, direct, shape, echo, level, noise = kinds
     tones = tuple(each.tones for each in about)
     return Walk(
         survey=survey,
         # Tones are as many as there are in each recording, so they are no array.
         levels=_stacked([each._replace(tones=()) for each in about]),
         direct=_stacked(direct),
+        shape=_stacked(shape),
         echo=_stacked(echo),
         level=np.array(level),
         noise=np.array(noise),
@@ -72,7 +75,7 @@ def measure_walk(survey: Survey) -> Walk:
     )
 
 
-def _measure(survey: Survey, pose: int) -> tuple[Levels, Direct, Echo, Array, float]:
+def _measure(survey: Survey, pose: int) -> tuple[Levels, Direct, Shape, Echo, Array, float]:
     """Measure one recording."""
     probe = survey.probe
     lags = time_zero.expected(survey.around(pose), probe, survey.speed_of_sound)
@@ -93,7 +96,8 @@ def _measure(survey: Survey, pose: int) -> tuple[Levels, Direct, Echo, Array, fl
     # The burst is cut off by the end of the recording, where less of the noise is heard too.
     whole = max(probe.length - len(probe.samples), probe.length // 2)
     stretches = [each.mean() for each in np.array_split(square[survey.used, :whole], SEGMENTS, -1)]
-    return about, direct, echo, square[:, :whole].mean(axis=-1), float(min(stretches))
+    shape = shape_of(samples, probe, direct=direct, lags=lags)
+    return about, direct, shape, echo, square[:, :whole].mean(axis=-1), float(min(stretches))
 
 
 def _stacked(rows: Sequence[Row]) -> Row:
