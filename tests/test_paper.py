@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from echolearn.acoustics.rooms import distance_to_outline, outline, true_echoes
+from echolearn.acoustics.rooms import outline, true_echoes
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Room
 from echolearn.classifiers.classifier import Examples

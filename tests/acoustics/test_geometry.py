@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import reference
-from echolearn.acoustics import bistatic, geometry, rooms
+from echolearn.acoustics import bistatic, geometry, rooms, sides
 from echolearn.acoustics.geometry import SearchWindow, circular_array, direction
 from echolearn.acoustics.types import MicArray, Pose, Room
 from reference import RATE, RING
@@ -112,14 +112,14 @@ def test_the_far_field_form_is_its_limit_and_the_authors_is_not(distance, azimut
 
 
 def test_the_outline_runs_anticlockwise_and_distances_to_it_are_those_by_hand():
-    corners = rooms.outline(ROOM)
-    x, y = corners.T
+    walls = rooms.outline(ROOM)
+    x, y = walls[:, 0].T
     assert 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) == 80.0
     points = [[1, 4], [9.75, 4], [5, 7], [0, 3], [-3, -4], [12, 4], [5, 4]]
-    found = rooms.distance_to_outline(np.array(points), corners)
+    found = sides.distance_to_outline(np.array(points), walls)
     assert np.allclose(found, [1, 0.25, 1, 0, 5, 2, 4])
-    triangle = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])
-    assert rooms.distance_to_outline(np.array([4.0, 3.0]), triangle) == pytest.approx(2.4)
+    triangle = sides.closed(np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]]))
+    assert sides.distance_to_outline(np.array([4.0, 3.0]), triangle) == pytest.approx(2.4)
 
 
 # ---------------------------------------------------------------- search window

@@ -8,7 +8,8 @@ import pytest
 
 from echolearn.acoustics.bistatic import wall_points
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.acoustics.rooms import distance_to_outline, outline
+from echolearn.acoustics.rooms import outline
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Room
 from echolearn.dataset.generate import generate
 from echolearn.dataset.labelled_set import Dataset

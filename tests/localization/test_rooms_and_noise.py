@@ -8,7 +8,8 @@ import pytest
 
 from echolearn.acoustics.bistatic import wall_points
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.acoustics.rooms import distance_to_outline, outline, true_echoes
+from echolearn.acoustics.rooms import outline, true_echoes
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Echoes, MicArray, Observation, Pose, Room
 from echolearn.evaluation.matching import match_echoes

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from echolearn.acoustics.geometry import circular_array
-from echolearn.acoustics.rooms import distance_to_outline, outline, true_echoes
+from echolearn.acoustics.rooms import outline, true_echoes
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Echoes, Pose, Room
 from echolearn.checks import BadValue
 from echolearn.mapping.echo_map import echo_map

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from PIL import Image
 
-from echolearn.acoustics.rooms import distance_to_outline
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, EchoMap, Pose
 from echolearn.checks import BadValue
 from echolearn.mapping import files

@@ -17,7 +17,8 @@ import yaml
 from scipy.io import wavfile
 
 from by_hand import edit
-from echolearn.acoustics.rooms import distance_to_outline, outline
+from echolearn.acoustics.rooms import outline
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Pose
 from echolearn.checks import BadValue
 from echolearn.cli.main import main

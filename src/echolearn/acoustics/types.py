@@ -1,9 +1,10 @@
 """The nouns of the project: small frozen values, checked when they are made."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,9 @@ from echolearn.checks import (
     finite_vector,
     real_array,
 )
+
+if TYPE_CHECKING:
+    from echolearn.acoustics.polygon_room import AnyRoom
 
 Array = NDArray[Any]
 
@@ -53,20 +57,17 @@ class Room:
             check_number("room.walls", factor, low=0.0, high=1.0)
         object.__setattr__(self, "size", tuple(map(float, self.size)))
         object.__setattr__(self, "walls", tuple(map(float, self.walls)))
-        check_number("room.t60", self.t60, low=0.01, high=10.0, unit="s")
-        shortest = self.shortest_t60()
-        check(
-            shortest < self.t60,
-            "room.t60",
-            f"{self.t60:g} s",
-            allowed=f"must be over {shortest:.3f} s, Sabine's formula, in a {self.dimensions} room",
-            hint="walls cannot absorb more than everything; use a longer T60 or a smaller room",
-        )
+        check_t60(self)
 
     @property
     def dimensions(self) -> str:
         """Size in words, as in 5 x 4 x 3 m."""
         return "{:g} x {:g} x {:g} m".format(*self.size)
+
+    @property
+    def volume(self) -> float:
+        """Air in the room, in m^3."""
+        return math.prod(self.size)
 
     def shortest_t60(self, speed_of_sound: float = SPEED_OF_SOUND) -> float:
         """Return the T60 in s at which Sabine's absorption reaches 1: 24 ln(10) V / (c S)."""
@@ -79,9 +80,26 @@ class Room:
 
     def reflection(self, speed_of_sound: float = SPEED_OF_SOUND) -> Array:
         """Return pressure reflection coefficients, factor * sqrt(1 - absorption), shape (6,)."""
-        # A speed of sound above the usual one may absorb a little more than everything.
-        reflected = max(0.0, 1.0 - self.sabine_absorption(speed_of_sound))
-        return np.array(self.walls) * math.sqrt(reflected)
+        return reflections(self.walls, self.sabine_absorption(speed_of_sound))
+
+
+def check_t60(room: "AnyRoom") -> None:
+    """Raise `BadValue` for a reverberation time out of range, or one that Sabine's rules out."""
+    check_number("room.t60", room.t60, low=0.01, high=10.0, unit="s")
+    shortest = room.shortest_t60()
+    check(
+        shortest < room.t60,
+        "room.t60",
+        f"{room.t60:g} s",
+        allowed=f"must be over {shortest:.3f} s, Sabine's formula, in a {room.dimensions} room",
+        hint="walls cannot absorb more than everything; use a longer T60 or a smaller room",
+    )
+
+
+def reflections(factors: Sequence[float], absorption: float) -> Array:
+    """Return pressure reflection coefficients, factor * sqrt(1 - absorption)."""
+    # A speed of sound above the usual one may absorb a little more than everything.
+    return np.array(factors) * math.sqrt(max(0.0, 1.0 - absorption))
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +296,7 @@ class Responder(Protocol):
 
     def __call__(
         self,
-        room: Room,
+        room: "AnyRoom",
         source: Array,
         microphones: Array,
         *,

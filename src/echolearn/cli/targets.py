@@ -31,7 +31,7 @@ KINDS = {
     "plan": "echolearn.dataset.plans.Plan",
     "probe": "echolearn.acoustics.types.Probe",
     "rir": "echolearn.acoustics.types.Responder",
-    "room": "echolearn.acoustics.types.Room",
+    "room": "echolearn.acoustics.polygon_room.AnyRoom",
     "scene": "echolearn.simulation.scene.Scene",
     "source": "echolearn.survey.measured.Source",
     "window": "echolearn.acoustics.geometry.SearchWindow",

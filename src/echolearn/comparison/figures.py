@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
 
+from echolearn.acoustics.sides import polylines
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import metrics
 from echolearn.evaluation.rows import (
@@ -102,7 +103,7 @@ def maps(walks: Sequence[Walk], *, classifier: str) -> str:
     """
     slopes = []
     for _, survey, _ in walks:
-        across, along = np.ptp(survey.corners, axis=0)
+        across, along = np.ptp(survey.walls, axis=(0, 1))
         slopes.append(along / across)
     # A row is as high as its map, so that all are drawn to one scale.
     height = 4.0 * sum(slopes) + 0.8 * len(walks) + 0.8
@@ -124,7 +125,9 @@ def paint_map(axis: Axes, survey: LocalizedSurvey, *, title: str, kept: Array) -
         kept: which of its points are kept, shape (P,), bool.
     """
     true = survey.labelled.reference
-    outline = np.vstack([survey.corners, survey.corners[:1]])
+    # NaN lifts the pen between lines.
+    gap = np.full((1, 2), np.nan)
+    outline = np.vstack([part for line in polylines(survey.walls) for part in (gap, line)][1:])
     points = survey.points
     # What matters most comes last, on top of the rest.
     layers = (
@@ -141,7 +144,9 @@ def paint_map(axis: Axes, survey: LocalizedSurvey, *, title: str, kept: Array) -
     if kept.any():
         told = f"{true[kept].mean():.0%} of {kept.sum()} points on a wall"
     axis.set_title(f"{title}\n{told}", fontsize=9)
-    across, along = np.transpose([outline.min(axis=0) - 0.6, outline.max(axis=0) + 0.6])
+    across, along = np.transpose(
+        [survey.walls.min(axis=(0, 1)) - 0.6, survey.walls.max(axis=(0, 1)) + 0.6]
+    )
     axis.set(aspect="equal", xlim=across, ylim=along, xlabel="x / m", ylabel="y / m")
     axis.grid(visible=False)
 

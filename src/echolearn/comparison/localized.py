@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn.acoustics.rooms import distance_to_outline
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.signals import joint_db
 from echolearn.checks import BadValue, is_number
 from echolearn.evaluation import stats

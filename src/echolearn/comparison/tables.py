@@ -94,7 +94,7 @@ def unseen(comparison: Comparison, training: str) -> bool:
         return False
     trained = comparison.sets[training]["room"][:, :2]
     for survey in comparison.surveys.values():
-        if np.isclose(trained, np.ptp(survey.corners, axis=0)).all(axis=1).any():
+        if np.isclose(trained, np.ptp(survey.walls, axis=(0, 1))).all(axis=1).any():
             return False
     return True
 

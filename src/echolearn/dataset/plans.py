@@ -14,7 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.acoustics.rooms import check_inside
+from echolearn.acoustics.polygon_room import AnyRoom
+from echolearn.acoustics.rooms import bounds, check_inside, inside, size_of
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.checks import (
     BadValue,
@@ -60,7 +62,7 @@ class Spot:
         gain_db: gain of the recording.
     """
 
-    room: Room
+    room: AnyRoom
     pose: Pose
     levels: NoiseLevels
     group: int
@@ -74,7 +76,7 @@ class GridPlan:
     Attributes:
         name: names the set's folder.
         seed: seed of everything random in the set.
-        room: the room.
+        room: the room, a box or of any outline.
         step: distance of neighbouring positions, in m.
         margin: distance from every wall to the grid, in m.
         height: height of a single layer in m, or None for layers at every step.
@@ -92,7 +94,7 @@ class GridPlan:
 
     name: str
     seed: int
-    room: Room
+    room: AnyRoom
     step: float
     margin: float
     window: SearchWindow
@@ -109,25 +111,33 @@ class GridPlan:
     def __post_init__(self) -> None:
         hint = "the paper's grid has 0.5 m"
         check_number("plan.step", self.step, low=0.01, high=100.0, unit="m", hint=hint)
-        check_number("plan.margin", self.margin, low=0.0, high=min(self.room.size) / 2, unit="m")
+        size = size_of(self.room)
+        check_number("plan.margin", self.margin, low=0.0, high=min(size) / 2, unit="m")
         if self.height is not None:
-            check_number("plan.height", self.height, low=0.0, high=self.room.size[2], unit="m")
+            check_number("plan.height", self.height, low=0.0, high=size[2], unit="m")
         both = f"{self.snr_db}, plan.snr_levels={self.snr_levels}"
         single = self.snr_db is None or self.snr_levels is None
         check(single, "plan.snr_db", both, allowed="must be null, or plan.snr_levels must be")
         for level in self.snr_levels or ():
             check_number("plan.snr_levels", level, low=-100.0, high=100.0, unit="dB")
         _check_common(self, self.snr_levels)
+        allowed = "must leave at least one position off all walls"
+        check(len(self.positions) > 0, "plan.margin", f"{self.margin:g} m", allowed=allowed)
         check_inside(self.room, Pose(self.positions[0]), array=self.scene.array)
 
     @cached_property
     def positions(self) -> Array:
-        """Positions of the grid, shape (P, 3), in m, z fastest."""
-        steps = [int((side - 2 * self.margin) / self.step + 1e-9) for side in self.room.size]
+        """Positions of the grid, shape (P, 3), in m, z fastest: of its box, those in the room."""
+        low, _ = bounds(self.room)
+        steps = [int((side - 2 * self.margin) / self.step + 1e-9) for side in size_of(self.room)]
         axes = [self.margin + self.step * np.arange(count + 1) for count in steps]
         if self.height is not None:
             axes[2] = np.array([self.height])
-        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + low
+        if isinstance(self.room, Room):
+            return grid
+        away = distance_to_outline(grid[:, :2], self.room.faces[0])
+        return grid[inside(self.room, grid) & (away >= self.margin - 1e-9)]
 
     def __len__(self) -> int:
         return len(self.positions) * len(self.snr_levels or (0,))

@@ -28,7 +28,8 @@ from typing import Any
 import numpy as np
 
 from echolearn.acoustics.bistatic import wall_points
-from echolearn.acoustics.rooms import check_inside, distance_to_outline, outline, true_echoes
+from echolearn.acoustics.rooms import check_inside, most_echoes, outline, size_of, true_echoes
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.signals import noise_covariance, noise_psd
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array, Observation
@@ -108,7 +109,7 @@ def _context(spot: Spot) -> dict[str, Any]:
     return context | {
         "gain_db": spot.gain_db,
         "t60": spot.room.t60,
-        "room": spot.room.size,
+        "room": size_of(spot.room),
         "position": spot.pose.position,
         "heading": spot.pose.heading,
         "group": spot.group,
@@ -138,7 +139,7 @@ def labels(estimates: Array, spot: Spot, scene: Scene) -> dict[str, Array]:
         array=scene.array,
         speed_of_sound=scene.speed_of_sound,
     )
-    padded = np.pad(truth, (0, 6 - len(truth)), constant_values=np.nan)
+    padded = np.pad(truth, (0, most_echoes(spot.room) - len(truth)), constant_values=np.nan)
     found = {
         "reflector": wall != UNMATCHED,
         "on_map": distance_to_outline(points, outline(spot.room)) <= MAP_TOLERANCE,

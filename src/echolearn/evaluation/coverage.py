@@ -29,43 +29,45 @@ STEP = 0.05
 """m; the longest piece of wall that counts as one."""
 
 
-def wall_samples(corners: Array) -> tuple[Array, Array]:
-    """Cut the outline (C, 2) into pieces: their middles (S, 2) and their lengths (S,), in m."""
-    edges = np.roll(corners, -1, axis=0) - corners
+def wall_samples(walls: Array) -> tuple[Array, Array]:
+    """Cut walls (W, 2, 2) into pieces: their middles (S, 2) and their lengths (S,), in m."""
+    starts = walls[:, 0]
+    edges = walls[:, 1] - starts
     lengths = np.linalg.norm(edges, axis=1)
     counts = np.ceil(lengths / STEP - 1e-9).astype(int)
     middles = []
-    for corner, edge, count in zip(corners, edges, counts, strict=True):
+    for start, edge, count in zip(starts, edges, counts, strict=True):
         along = (np.arange(count) + 0.5)[:, None] / count
-        middles.append(corner + along * edge)
+        middles.append(start + along * edge)
     return np.concatenate(middles), np.repeat(lengths / counts, counts)
 
 
-def feet(corners: Array, poses: Array) -> tuple[Array, Array]:
-    """Drop perpendiculars from poses (P, 2) on each wall: feet (P, C, 2) in m, and which echo.
+def feet(walls: Array, poses: Array) -> tuple[Array, Array]:
+    """Drop perpendiculars from poses (P, 2) on walls (W, 2, 2): feet (P, W, 2) in m, which echo.
 
-    The second result, shape (P, C), is true where the foot lies on the wall, 1 to 2 m away.
+    The second result, shape (P, W), is true where the foot lies on the wall, 1 to 2 m away.
     """
-    edge = np.roll(corners, -1, axis=0) - corners
-    along = ((poses[:, None] - corners) * edge).sum(-1) / (edge**2).sum(-1)
-    foot = corners + along[..., None] * edge
+    start = walls[:, 0]
+    edge = walls[:, 1] - start
+    along = ((poses[:, None] - start) * edge).sum(-1) / (edge**2).sum(-1)
+    foot = start + along[..., None] * edge
     distance = np.linalg.norm(foot - poses[:, None], axis=-1)
     return foot, (along >= 0) & (along <= 1) & (distance >= NEAREST) & (distance <= FARTHEST)
 
 
-def attainable(corners: Array, poses: Array) -> float:
+def attainable(walls: Array, poses: Array) -> float:
     """Return the share of poses (P, 2) with a wall 1 to 2 m away; NaN without poses.
 
     It is about what one echo a pose can get right.
     """
-    return float(feet(corners, poses)[1].any(axis=1).mean()) if len(poses) else math.nan
+    return float(feet(walls, poses)[1].any(axis=1).mean()) if len(poses) else math.nan
 
 
-def of_walls(corners: Array, shown: Array, *, poses: Array) -> dict[str, float]:
+def of_walls(walls: Array, shown: Array, *, poses: Array) -> dict[str, float]:
     """Return `wall_coverage` and `nearest_neighbour_error` of the points that a map shows.
 
     Args:
-        corners: the room's outline, shape (C, 2), in m.
+        walls: of the floor plan, shape (W, 2, 2), in m.
         shown: kept points, shape (any, 2), in m.
         poses: positions of the whole walk, shape (any, 2), in m.
 
@@ -74,8 +76,8 @@ def of_walls(corners: Array, shown: Array, *, poses: Array) -> dict[str, float]:
         reachable. The error is the mean distance in m between points and reachable wall, over both
         directions (Barshan, 2008); NaN if there is no point, or nothing is reachable.
     """
-    middles, lengths = wall_samples(corners)
-    foot, echoes = feet(corners, poses)
+    middles, lengths = wall_samples(walls)
+    foot, echoes = feet(walls, poses)
     reachable = _nearest(middles, foot[echoes]) <= REACH
     wall = middles[reachable]
     lengths = lengths[reachable]

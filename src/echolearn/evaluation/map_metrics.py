@@ -1,15 +1,16 @@
 """Metrics of maps: what the filter has left, against the room's outline.
 
-The outline is `corners`, shape (C, 2), in m; a map point is true within 0.10 m of it. Points that
-are kept, confidences and weights are as in `echolearn.evaluation.metrics`, whose conventions hold
-here, too; `echolearn.evaluation.coverage` holds what speaks of the walls as a whole.
+`walls` are sides of the floor plan (`acoustics.sides`), shape (W, 2, 2), in m; a map point is true
+within 0.10 m of one. Points that are kept, confidences and weights are as in
+`echolearn.evaluation.metrics`, whose conventions hold here, too; `echolearn.evaluation.coverage`
+holds what speaks of the walls as a whole.
 
 A new metric of maps is an entry of `evaluate_map`.
 """
 
 import numpy as np
 
-from echolearn.acoustics.rooms import distance_to_outline
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import coverage
 from echolearn.evaluation.metrics import (
@@ -56,7 +57,7 @@ def error_quantile(
 
 
 def evaluate_map(
-    corners: Array,
+    walls: Array,
     points: Array,
     *,
     kept: Array,
@@ -70,7 +71,7 @@ def evaluate_map(
     drops a third of the poses, would bias them, so with weights they are absent.
 
     Args:
-        corners: the room's outline, shape (C, 2), in m.
+        walls: of the floor plan, shape (W, 2, 2), in m.
         points: points of the map, shape (P, 2), in m.
         kept: shape (P,), bool.
         confidence: shape (P,), 0 to 1.
@@ -80,7 +81,7 @@ def evaluate_map(
     Raises:
         BadValue: columns that do not belong together, a confidence outside 0 to 1.
     """
-    error = distance_to_outline(points, corners)
+    error = distance_to_outline(points, walls)
     reference = error <= MAP_TOLERANCE
     rate = rates(reference, kept, weights=weights)
     values = {
@@ -99,6 +100,6 @@ def evaluate_map(
     }
     if weights is None:
         # A union of points has no resamples: without a third of the poses it covers less.
-        whole = coverage.of_walls(corners, points[kept], poses=poses)
+        whole = coverage.of_walls(walls, points[kept], poses=poses)
         values |= {name: np.asarray(value) for name, value in whole.items()}
     return values

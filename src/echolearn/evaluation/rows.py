@@ -131,14 +131,14 @@ class LocalizedSurvey:
         labelled: truth, "the map point lies within 0.10 m of a wall".
         points: map points, shape (P, 2), in m.
         poses: robot positions, shape (P, 2), in m.
-        corners: the room's outline, shape (C, 2), in m.
+        walls: of the floor plan, shape (W, 2, 2), in m.
         columns: what classifiers look at, by name, shape (P, ...).
     """
 
     labelled: LabelledRows
     points: Array
     poses: Array
-    corners: Array
+    walls: Array
     columns: Mapping[str, Array]
 
     @property
@@ -149,7 +149,7 @@ class LocalizedSurvey:
     @property
     def attainable(self) -> float:
         """Share of poses with a wall 1 to 2 m away: about what one echo a pose can get right."""
-        return coverage.attainable(self.corners, self.poses)
+        return coverage.attainable(self.walls, self.poses)
 
 
 def in_band(snr_db: Array, *, low: float, high: float) -> Array:

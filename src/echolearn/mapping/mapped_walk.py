@@ -35,7 +35,7 @@ class MappedWalk:
         map: their P * R points, pose by pose, room frame.
         poses: P poses.
         numbers: names of the poses in tables, P whole numbers.
-        outline: corners of the room, shape (C, 2), in m, or None where they are not known.
+        outline: sides of the floor plan, shape (S, 2, 2), in m, or None where they are not known.
         resolution: side of a cell of the grid, in m.
         accuracy: of the echoes.
     """

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.acoustics.rooms import distance_to_outline
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.survey.health import Health
 

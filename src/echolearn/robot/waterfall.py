@@ -17,6 +17,7 @@ import numpy as np
 
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import SearchWindow, microphone_positions
+from echolearn.acoustics.sides import first_echoes
 from echolearn.acoustics.types import Array, MicArray, Observation
 from echolearn.localization.beamforming import direction_grid
 from echolearn.localization.correlations import PAD, advance, steered_response
@@ -47,7 +48,7 @@ class Waterfall:
         lags: lags that the images span, from 0.
         window: first and last lag of the search window.
         direct: lag of the direct path at each microphone, shape (M,); NaN if it was removed.
-        echoes: lags of the true echoes of each wall, shape (P, M, C); NaN where a wall sends none
+        echoes: lags of the true echoes of each wall, shape (P, M, S); NaN where a wall sends none
             back; None where no walls are told.
     """
 
@@ -153,7 +154,7 @@ def waterfall(survey: Survey, health: Health, *, window: SearchWindow) -> Waterf
 
 
 def true_lags(survey: Survey, lags: int) -> Array | None:
-    """Return the lags of first echoes, shape (P, M, C), NaN beyond `lags`; None without walls."""
+    """Return the lags of first echoes, shape (P, M, S), NaN beyond `lags`; None without walls."""
     if survey.walls is None:
         return None
     scale = survey.probe.sample_rate / survey.speed_of_sound
@@ -163,31 +164,3 @@ def true_lags(survey: Survey, lags: int) -> Array | None:
         ways.append(first_echoes(survey.walls, pose.position, microphones=microphones))
     found = scale * np.array(ways)
     return np.where(found < lags, found, math.nan)
-
-
-def first_echoes(corners: Array, source: Array, *, microphones: Array) -> Array:
-    """Return the ways of first echoes, shape (M, C), in m; NaN where a wall sends none back.
-
-    The sound's way is that from the mirror source; it must meet the wall between its corners.
-
-    Args:
-        corners: of the room, shape (C, 2), in m.
-        source: shape (3,), in m.
-        microphones: shape (M, 3), in m.
-    """
-    along = np.roll(corners, -1, axis=0) - corners
-    length = np.linalg.norm(along, axis=1)
-    along = along / length[:, None]
-    across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-
-    # Of each wall's line: distances from it, and places along it from its first corner.
-    here = np.sum((source[:2] - corners) * across, axis=-1)
-    start = np.sum((source[:2] - corners) * along, axis=-1)
-    offset = microphones[:, :2] - source[:2]
-    there = here + offset @ across.T
-    beside = offset @ along.T
-    # The sound moves along the wall in the ratio of the distances before and after it.
-    place = start + beside * here / (here + there)
-    up = (microphones[:, 2] - source[2])[:, None]
-    way = np.sqrt((here + there) ** 2 + beside**2 + up**2)
-    return np.where((place >= 0) & (place <= length), way, math.nan)

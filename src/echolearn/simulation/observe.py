@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.rooms import check_inside, true_echoes
-from echolearn.acoustics.types import Array, Observation, Pose, Room, Truth
+from echolearn.acoustics.types import Array, Observation, Pose, Truth
 from echolearn.checks import check_number
 from echolearn.simulation.levels import NoiseLevels, noises
 from echolearn.simulation.scene import Scene
@@ -21,7 +22,7 @@ NOISE_SECONDS = 4.0
 
 
 def observe(
-    room: Room,
+    room: AnyRoom,
     pose: Pose,
     *,
     scene: Scene,
@@ -32,7 +33,7 @@ def observe(
     """Simulate one observation.
 
     Args:
-        room: a shoebox.
+        room: a box, or of any outline.
         pose: the whole array must lie inside the room.
         scene: what the robot carries, engine and noise.
         levels: levels of the noises, and how many recordings are averaged.
@@ -74,7 +75,7 @@ def add_noise(
 
 
 def noise_alone(
-    room: Room,
+    room: AnyRoom,
     pose: Pose,
     *,
     scene: Scene,

@@ -15,7 +15,9 @@ import math
 
 import numpy as np
 
-from echolearn.acoustics.types import Array, Room
+from echolearn.acoustics.polygon_room import AnyRoom
+from echolearn.acoustics.rooms import inside
+from echolearn.acoustics.types import Array
 from echolearn.checks import check, check_rate, check_speed
 
 MOST_IMAGES = 1e8
@@ -23,18 +25,18 @@ MOST_IMAGES = 1e8
 """
 
 
-def response_length(room: Room, sample_rate: float) -> int:
+def response_length(room: AnyRoom, sample_rate: float) -> int:
     """Return the number of samples of a response: round(t60 * sample_rate)."""
     return round(room.t60 * sample_rate)
 
 
 def check_placement(
-    room: Room, source: Array, microphones: Array, *, sample_rate: float, speed_of_sound: float
+    room: AnyRoom, source: Array, microphones: Array, *, sample_rate: float, speed_of_sound: float
 ) -> None:
     """Check what every engine is called with.
 
     Args:
-        room: the shoebox.
+        room: with its walls.
         source: shape (3,), in m.
         microphones: shape (M, 3), in m.
         sample_rate: in Hz.
@@ -59,14 +61,14 @@ def check_placement(
     allowed = "must be more than 0.001 m away from it"
     check(nearest > 1e-3, "microphones", f"{nearest:g} m from the source", allowed=allowed)
 
-    images = 4 / 3 * math.pi * (room.t60 * speed_of_sound) ** 3 / math.prod(room.size)
+    images = 4 / 3 * math.pi * (room.t60 * speed_of_sound) ** 3 / room.volume
     allowed = f"must give at most {MOST_IMAGES:.0e} images within T60, here {images:.1e}"
     hint = "is the room that small?"
     check(images < MOST_IMAGES, "room.t60", f"{room.t60:g} s", allowed=allowed, hint=hint)
 
 
-def _check_inside(name: str, points: Array, room: Room) -> None:
+def _check_inside(name: str, points: Array, room: AnyRoom) -> None:
     """Raise `BadValue` unless all points (P, 3) lie in the room."""
-    inside = ((points >= 0) & (points <= np.array(room.size))).all(axis=1)
-    place = np.round(points[np.argmin(inside)], 3).tolist()
-    check(inside.all(), name, f"{place} m", allowed=f"must be inside the {room.dimensions} room")
+    within = inside(room, points)
+    place = np.round(points[np.argmin(within)], 3).tolist()
+    check(within.all(), name, f"{place} m", allowed=f"must be inside the {room.dimensions} room")

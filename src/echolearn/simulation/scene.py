@@ -9,6 +9,7 @@ import numpy as np
 
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import microphone_positions
+from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.types import (
     SPEED_OF_SOUND,
     Array,
@@ -52,7 +53,7 @@ class Scene:
         hall = Room((20.0, 20.0, 20.0), 1.0)
         return self.received(replace(hall, walls=(0.0,) * 6), Pose(np.array([10.0, 10.0, 10.0])))
 
-    def received(self, room: Room, pose: Pose) -> Array:
+    def received(self, room: AnyRoom, pose: Pose) -> Array:
         """Return the probe as received, x_m of Eq. 1, without noise, shape (M, N)."""
         response = self.rir(
             room,

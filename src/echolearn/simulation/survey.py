@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.rooms import check_inside, outline
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Pose, Room
@@ -46,7 +47,7 @@ NOISE_SECONDS = 5.0
 def survey(
     *,
     name: str,
-    room: Room,
+    room: AnyRoom,
     scene: Scene,
     levels: NoiseLevels,
     poses: int = 160,
@@ -87,7 +88,7 @@ def survey(
     return made_once(folder, about, begun=BEGUN, contents=record, command=command)
 
 
-def _walk(room: Room, scene: Scene, *, poses: int, start: float) -> list[Pose]:
+def _walk(room: AnyRoom, scene: Scene, *, poses: int, start: float) -> list[Pose]:
     """Return the poses, and refuse those outside before the long work begins."""
     check_whole("poses", poses, low=2, high=MOST, hint="longer walks are several surveys")
     walk = trajectory(room, poses=poses, start=start)
@@ -131,8 +132,13 @@ def _given(levels: NoiseLevels) -> dict[str, Any]:
     return {key: float(level) for key, level in given.items() if level is not None} | several
 
 
+def _told(room: AnyRoom) -> list[float] | str:
+    """Return what the conditions say of a room: the sides of a box, or the size in words."""
+    return list(room.size) if isinstance(room, Room) else room.dimensions
+
+
 def _record(
-    room: Room,
+    room: AnyRoom,
     walk: Sequence[Pose],
     *,
     scene: Scene,
@@ -167,7 +173,7 @@ def _record(
     yield "probe.wav", partial(audio.wav_bytes, padded, probe.sample_rate)
 
     noise = noise_kind(plain(scene), sensor=levels.snr_db is not None)
-    given = {**_given(levels), "noise": noise, "room": list(room.size), "t60": room.t60}
+    given = {**_given(levels), "noise": noise, "room": _told(room), "t60": room.t60}
     yield (
         "survey.yaml",
         partial(

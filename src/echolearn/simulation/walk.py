@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 
+from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.checks import check, check_number, check_whole
 
@@ -41,7 +42,7 @@ LEAST = 2 * (CLEARANCE + WEAVE + 0.1)
 """Shortest side of a room that holds the margins to both walls, in m."""
 
 
-def trajectory(room: Room, *, poses: int = 160, start: float = 0.6) -> list[Pose]:
+def trajectory(room: AnyRoom, *, poses: int = 160, start: float = 0.6) -> list[Pose]:
     """Walk along the walls, then into the middle of the room, at half its height.
 
     Args:

@@ -22,8 +22,10 @@ import numpy as np
 from echolearn.acoustics.arrays import distinct
 from echolearn.acoustics.bistatic import wall_points
 from echolearn.acoustics.geometry import SearchWindow, direction
-from echolearn.acoustics.rooms import distance_to_outline, outline, true_echoes
-from echolearn.acoustics.types import Array, Observation, Pose, Room
+from echolearn.acoustics.polygon_room import AnyRoom
+from echolearn.acoustics.rooms import outline, true_echoes
+from echolearn.acoustics.sides import distance_to_outline
+from echolearn.acoustics.types import Array, Observation, Pose
 from echolearn.checks import BadValue
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
 from echolearn.localization.localizer import Localizer
@@ -78,7 +80,7 @@ def drawn_by_chance(
     return np.stack([toa, azimuth, np.full(count, np.pi / 2)], axis=1)
 
 
-def is_right(estimates: Array, *, room: Room, pose: Pose, scene: Scene) -> Array:
+def is_right(estimates: Array, *, room: AnyRoom, pose: Pose, scene: Scene) -> Array:
     """Tell which metrics estimates meet, given the walls around one pose.
 
     Args:

@@ -11,6 +11,7 @@ of the attainable.
 
 import numpy as np
 
+from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.rooms import outline
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Pose, Room
@@ -42,11 +43,11 @@ def corner_pose(room: Room, *, walls: tuple[float, float], seed: int, number: in
     return Pose(np.append(place, size[2] / 2), heading)
 
 
-def walk_poses(room: Room, *, count: int, seed: int) -> list[Pose]:
+def walk_poses(room: AnyRoom, *, count: int, seed: int) -> list[Pose]:
     """Return poses along walks, evenly chosen of those with a wall 1 to 2 m away.
 
     Args:
-        room: a shoebox that can hold the walk.
+        room: one that can hold the walk.
         count: number of poses.
         seed: gives the polar angle at which the first walk starts.
 

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from echolearn.acoustics import signals
+from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.streams import stream
-from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Room
+from echolearn.acoustics.types import Array, MicArray, Observation, Pose
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.observe import NOISE_SECONDS, add_noise, noise_alone
 from echolearn.simulation.scene import Scene
@@ -54,7 +55,7 @@ class Condition:
         stretch: number of the noise that all recordings share; None is noise of its own for each.
     """
 
-    room: Room
+    room: AnyRoom
     levels: NoiseLevels
     fault: ArrayFault = FAULTS["none"]
     stretch: int | None = None

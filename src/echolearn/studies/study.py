@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from echolearn.acoustics.geometry import SearchWindow
+from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.rooms import check_inside
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.streams import stream
@@ -51,7 +52,7 @@ class Study:
 
     vary: str
     values: Sequence[Any]
-    room: Room
+    room: AnyRoom
     scene: Scene
     localizers: Mapping[str, Localizer]
     snr_db: float | None = 40.0
@@ -135,6 +136,8 @@ class Study:
         """Return where the robot stands, one pose per position."""
         if self.places == "walk":
             return walk_poses(self.room, count=self.positions, seed=self.seed)
+        allowed = "must be walk in a room that is no box"
+        check(isinstance(self.room, Room), "places", self.places, allowed=allowed)
         return [
             corner_pose(self.room, walls=self.walls, seed=self.seed, number=number)
             for number in range(self.positions)

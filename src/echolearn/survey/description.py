@@ -25,6 +25,7 @@ from echolearn.checks import (
 )
 from echolearn.storage.files import one_line
 from echolearn.storage.tables import check_plain, nullable
+from echolearn.survey import floor_plan
 from echolearn.survey.audio import check_size
 
 LARGEST_YAML = 1 << 17
@@ -32,11 +33,6 @@ LARGEST_YAML = 1 << 17
 
 DEEPEST = 20
 """Brackets within brackets that `survey.yaml` may have; coordinates need two."""
-
-IN_ROOM = 10_000.0
-"""m from the origin that something in a room may be."""
-
-CORNERS = "must be null, or 3 to 1000 distinct corners in order around an area"
 
 UNKNOWN = "leave it out where it is not known"
 
@@ -52,25 +48,6 @@ Loader.add_implicit_resolver(
 )
 
 
-def check_outline(name: str, value: object) -> None:
-    """Raise `BadValue` unless corners (C, 2) are those of a polygon.
-
-    Twice the area of a polygon is the sum of x_k y_(k+1) - x_(k+1) y_k.
-    """
-    corners = check_metres(name, value, shape=(-1, 2), most=IN_ROOM)
-    count = len(corners)
-    check(3 <= count <= 1000, name, f"{count} corners", allowed=CORNERS)
-    twice = count - len(np.unique(corners, axis=0))
-    hint = "it closes by itself"
-    check(twice == 0, name, f"{twice} corners twice", allowed=CORNERS, hint=hint)
-
-    # From the first corner, lest a room far from the origin lose digits.
-    x, y = (corners - corners[0]).T
-    area = abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))) / 2
-    hint = "do its sides cross each other?"
-    check(area >= 0.01, name, f"an area of {area:.2g} m^2", allowed=CORNERS, hint=hint)
-
-
 LEVEL = partial(check_number, low=-200.0, high=200.0, unit="dB", hint=UNKNOWN)
 
 TABLE = {
@@ -82,7 +59,7 @@ TABLE = {
     "loudspeaker": partial(check_metres, shape=(3,)),
     "direct_path": ("removed", "present"),
     "map": (True, False),
-    "walls": nullable(check_outline),
+    "walls": nullable(floor_plan.check_walls),
     "heading_bias_sd_rad": partial(
         check_number, low=0.0, high=np.pi, unit="rad", hint="is it in degrees?"
     ),
@@ -105,7 +82,7 @@ OPTIONAL: dict[str, Any] = {
 
 
 def read_description(path: Path) -> dict[str, Any]:
-    """Return the keys of `survey.yaml`, coordinates as arrays.
+    """Return the keys of `survey.yaml`, coordinates as arrays, walls as sides.
 
     Raises:
         BadValue: no YAML, or a key that is missing, unknown or malformed.
@@ -123,9 +100,10 @@ def read_description(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise BadValue(f"{path}: cannot be read ({one_line(error)})") from None
 
-    for key in ("microphones", "loudspeaker", "walls"):
-        if content[key] is not None:
-            content[key] = np.array(content[key], dtype=float)
+    for key in ("microphones", "loudspeaker"):
+        content[key] = np.array(content[key], dtype=float)
+    if content["walls"] is not None:
+        content["walls"] = floor_plan.sides(content["walls"])
     return dict(content)
 
 
@@ -171,7 +149,7 @@ def description_bytes(
         array: the microphones, the loudspeaker at the origin.
         probe: what was emitted.
         speed_of_sound: in m/s.
-        walls: corners of the room, shape (C, 2), in m; None where they are not known.
+        walls: of the floor plan, shape (S, 2, 2), in m; None where they are not known.
         conditions: what is known of the recordings.
         direct_path: "removed" or "present".
         mapped: whether echoes can be placed on a map; if not, they are times and directions only.
@@ -183,7 +161,7 @@ def description_bytes(
         "loudspeaker": [0.0, 0.0, 0.0],
         "direct_path": direct_path,
         **({} if mapped else {"map": False}),
-        **({} if walls is None else {"walls": np.asarray(walls).tolist()}),
+        **({} if walls is None else {"walls": floor_plan.plain(walls)}),
         "conditions": dict(conditions),
     }
     return yaml.safe_dump(content, sort_keys=False).encode()

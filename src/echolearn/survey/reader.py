@@ -3,7 +3,7 @@
     survey.yaml          what describes it (`description.py`): sample_rate, speed_of_sound,
                          microphones (M x 3, m, robot frame), loudspeaker (3, m),
                          direct_path: removed | present (it is removed when read, `direct_path.py`),
-                         optional walls: outline (C x 2, m) for scoring,
+                         optional walls: floor plan (`floor_plan.py`, m),
                          optional heading_bias_sd_rad: of an error common to all headings,
                          optional map: false where echoes are times and directions only,
                          optional conditions: whatever is known of how it was recorded (snr_db,

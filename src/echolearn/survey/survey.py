@@ -44,7 +44,7 @@ class Survey:
         poses: P poses.
         files: recording of each pose, relative to `folder`.
         numbers: `index` of each pose in `poses.csv`.
-        walls: outline of the room, shape (C, 2), in m, or None.
+        walls: sides of the floor plan, shape (S, 2, 2), in m, or None.
         conditions: what is known of the recording.
         heading_bias_sd: standard deviation of an error that all headings share, in rad.
         direct: how reading removes the direct path, one of `direct_path.REMOVALS`; None if the

@@ -8,6 +8,7 @@ fainter.
 
 import numpy as np
 
+from echolearn.acoustics.sides import polylines
 from echolearn.acoustics.types import Array
 from echolearn.mapping.mapped_walk import Files, MappedWalk
 
@@ -23,9 +24,9 @@ STYLE = """\
 
 def write(walk: MappedWalk) -> Files:
     """Return the drawing."""
-    outline = np.empty((0, 2)) if walk.outline is None else walk.outline
+    outline = np.empty((0, 2, 2)) if walk.outline is None else walk.outline
     # Everything is to be seen, half a metre from the edge.
-    everything = np.concatenate([walk.map.points, walk.path[:, :2], outline])
+    everything = np.concatenate([walk.map.points, walk.path[:, :2], *outline])
     low = everything.min(axis=0) - 0.5
     high = everything.max(axis=0) + 0.5
     width, height = (SCALE * (high - low)).round(1).tolist()
@@ -38,7 +39,7 @@ def write(walk: MappedWalk) -> Files:
     points = placed(walk.map.points)
     sizes = np.where(walk.shown, 1.5 + 2 * walk.map.confidence, 2.5)
     # Later shapes lie above earlier ones: walls above the points they were fitted to.
-    shapes = [_run('polygon class="outline"', placed(outline))] if len(outline) else []
+    shapes = [_plan(placed(line)) for line in polylines(outline)]
     shapes.append(_run('polyline class="path"', placed(walk.path)))
     shapes += _dots(points[rejected], kind="rejected", radii=sizes[rejected])
     shapes += _dots(points[walk.upright], kind="upright", radii=sizes[walk.upright])
@@ -58,6 +59,13 @@ width="{width}" height="{height + 36}">
 </svg>
 """
     return {"map.svg": content.encode()}
+
+
+def _plan(line: Array) -> str:
+    """Return a line of the floor plan, closed if it ends where it begins."""
+    if (line[0] == line[-1]).all():
+        return _run('polygon class="outline"', line[:-1])
+    return _run('polyline class="outline"', line)
 
 
 def _run(shape: str, points: Array) -> str:

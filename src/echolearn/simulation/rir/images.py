@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.types import Array, Room
 from echolearn.simulation.responses import check_placement, response_length
 
@@ -30,7 +31,7 @@ class Images:
 
     def __call__(
         self,
-        room: Room,
+        room: AnyRoom,
         source: Array,
         microphones: Array,
         *,

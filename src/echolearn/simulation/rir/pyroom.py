@@ -23,8 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 import pyroomacoustics
 
+from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.types import Array, Room
-from echolearn.checks import check
+from echolearn.checks import BadValue, check
 from echolearn.simulation.responses import check_placement, response_length
 
 WALLS = ("west", "east", "south", "north", "floor", "ceiling")
@@ -78,7 +79,7 @@ class Pyroom:
 
     def __call__(
         self,
-        room: Room,
+        room: AnyRoom,
         source: Array,
         microphones: Array,
         *,
@@ -100,6 +101,9 @@ class Pyroom:
         Raises:
             BadValue: a point outside the room, or a sample rate that pyroomacoustics cannot use.
         """
+        allowed = "must be images where the room is no box"
+        if not isinstance(room, Room):
+            raise BadValue(f"rir=pyroom: {allowed}")
         check_placement(
             room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
         )
