@@ -6,6 +6,7 @@ import numpy as np
 import yaml
 from PIL import Image
 
+from echolearn.acoustics.sides import closed
 from echolearn.acoustics.types import Array, Echoes, EchoMap, Pose
 from echolearn.mapping.mapped_walk import Files, MappedWalk
 
@@ -33,7 +34,7 @@ def lopsided() -> MappedWalk:
     echoes = Echoes(column, column + 1, column + 2, column + 3, elevation, column + 4)
     outline = np.array([[0.0, -2.0], [5.0, -2.0], [5.0, 3.0], [0.0, 3.0]])
     found = EchoMap(POINTS, CONFIDENCE, CONFIDENCE > 0.5, SEEN_FROM)
-    return MappedWalk(echoes, found, [Pose(place) for place in POSES], range(3), outline)
+    return MappedWalk(echoes, found, [Pose(place) for place in POSES], range(3), closed(outline))
 
 
 def angled() -> MappedWalk:
@@ -49,7 +50,7 @@ def angled() -> MappedWalk:
     sure = np.full(len(points), 0.95)
     found = EchoMap(points, sure, sure > 0.5, path.repeat(2, axis=0))
     echoes = Echoes(*[np.full((len(path), 2), np.pi / 2)] * 6)
-    return MappedWalk(echoes, found, poses, range(len(poses)), CORNERS)
+    return MappedWalk(echoes, found, poses, range(len(poses)), closed(CORNERS))
 
 
 def _nearest(place: Array) -> Array:

@@ -10,6 +10,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from echolearn.acoustics.sides import closed
 from echolearn.acoustics.types import Array
 from echolearn.comparison import figures
 from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Predictions, Recordings, Row
@@ -29,7 +30,7 @@ def labelled(reference: Array) -> LabelledRows:
 def walk() -> LocalizedSurvey:
     """Return a survey of five poses in a room of 6 m by 4 m."""
     corners = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 4.0], [0.0, 4.0]])
-    return LocalizedSurvey(labelled(TRUE), POINTS, POSES, corners, {})
+    return LocalizedSurvey(labelled(TRUE), POINTS, POSES, closed(corners), {})
 
 
 def row(snr_db: str, value: float) -> Row:

@@ -124,7 +124,7 @@ def test_what_is_known_of_the_recording_goes_into_columns(
     assert np.array_equal(labelled.groups, np.arange(POSES))
     assert labelled.weights.shape == (9, POSES)
     assert (labelled.weights.sum(axis=1) == POSES).all()
-    assert np.array_equal(gated.corners, [[0, 0], [6, 0], [6, 5], [0, 5]])
+    assert np.array_equal(gated.walls[:, 0], [[0, 0], [6, 0], [6, 5], [0, 5]])
     assert gated.snr_db == "0" and comparison.surveys["hall_-10dB", "gated"].snr_db == "-10"
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from echolearn.acoustics.sides import closed
 from echolearn.comparison import choice, tables
 from echolearn.comparison.choice import Comparison
 from echolearn.comparison.tables import pivot
@@ -63,7 +64,7 @@ def walk(name: str, room: str, snr_db: float, localizer: str = "gated") -> Any:
     source = Recordings(name, "survey", room=room, localizer=localizer)
     true, levels = np.ones(4, dtype=bool), np.full(4, snr_db)
     labelled = LabelledRows(source, true, np.arange(4), levels, np.ones((1, 4)))
-    return (name, localizer), LocalizedSurvey(labelled, poses, poses, corners, {})
+    return (name, localizer), LocalizedSurvey(labelled, poses, poses, closed(corners), {})
 
 
 def test_pick_and_pivot() -> None:

@@ -3,24 +3,25 @@
 import numpy as np
 import pytest
 
+from echolearn.acoustics.sides import closed
 from echolearn.evaluation import coverage
 
-CORNERS = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
+WALLS = closed(np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]]))
 # Near the south wall; the east wall; none; the west wall (the south is nearer than 1 m).
 POSES = np.array([[4.0, 1.5], [6.5, 3.0], [4.0, 3.0], [1.2, 0.8]])
 FEET = np.array([[4.0, 0.0], [8.0, 3.0], [0.0, 0.8]])
 
 
 def covered(points, poses=POSES):
-    return coverage.of_walls(CORNERS, points, poses=poses)["wall_coverage"]
+    return coverage.of_walls(WALLS, points, poses=poses)["wall_coverage"]
 
 
 def distance(points, poses=POSES):
-    return coverage.of_walls(CORNERS, points, poses=poses)["nearest_neighbour_error"]
+    return coverage.of_walls(WALLS, points, poses=poses)["nearest_neighbour_error"]
 
 
 def test_samples_divide_every_wall():
-    samples, lengths = coverage.wall_samples(CORNERS)
+    samples, lengths = coverage.wall_samples(WALLS)
     assert lengths.sum() == pytest.approx(28.0)
     assert lengths.max() <= 0.05 + 1e-12
     assert len(samples) == 560
@@ -28,20 +29,20 @@ def test_samples_divide_every_wall():
 
 
 def test_feet_of_walls_one_to_two_metres_away():
-    foot, echoes = coverage.feet(CORNERS, POSES)
+    foot, echoes = coverage.feet(WALLS, POSES)
     np.testing.assert_allclose(foot[echoes], FEET, atol=1e-12)
     assert echoes.sum(axis=1).tolist() == [1, 1, 0, 1]
 
 
 def test_a_foot_beyond_the_end_of_a_wall_gives_no_echo():
     step = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [2.0, 3.0], [2.0, 6.0], [0.0, 6.0]])
-    _, echoes = coverage.feet(step, np.array([[0.5, 4.5]]))
+    _, echoes = coverage.feet(closed(step), np.array([[0.5, 4.5]]))
     assert echoes[0].tolist() == [False, False, False, True, True, False]
 
 
 def test_attainable_is_a_share_of_poses():
-    assert coverage.attainable(CORNERS, POSES) == 3 / 4
-    assert np.isnan(coverage.attainable(CORNERS, np.empty((0, 2))))
+    assert coverage.attainable(WALLS, POSES) == 3 / 4
+    assert np.isnan(coverage.attainable(WALLS, np.empty((0, 2))))
 
 
 def test_coverage_by_hand():

@@ -7,6 +7,7 @@ import pytest
 from sklearn import metrics as oracle
 from sklearn.calibration import calibration_curve
 
+from echolearn.acoustics.sides import closed
 from echolearn.checks import BadValue
 from echolearn.evaluation import map_metrics, metrics
 
@@ -173,7 +174,7 @@ def test_a_logit_is_no_confidence():
     assert metrics.auc(REFERENCE, 4 * CONFIDENCE - 9) == metrics.auc(REFERENCE, CONFIDENCE)
 
 
-CORNERS = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
+WALLS = closed(np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]]))
 POSES = np.array([[4.0, 1.5], [6.5, 3.0], [4.0, 3.0], [4.0, 4.9]])
 POINTS = np.array([[4.0, 0.05], [7.9, 3.0], [4.0, 2.0], [4.0, 6.3]])  # off by 0.05, 0.1, 2.0, 0.3 m
 MAP = {
@@ -184,7 +185,7 @@ MAP = {
 
 
 def evaluated(**changes):
-    found = map_metrics.evaluate_map(CORNERS, POINTS, **MAP | changes)
+    found = map_metrics.evaluate_map(WALLS, POINTS, **MAP | changes)
     return {name: value.tolist() for name, value in found.items()}
 
 
@@ -209,7 +210,7 @@ def test_map_by_hand():
 def test_a_point_at_the_tolerance_is_true():
     case = {"kept": np.array([True]), "confidence": np.array([0.5]), "poses": POSES}
     for height, share in ((0.1, 1.0), (0.1001, 0.0)):
-        found = map_metrics.evaluate_map(CORNERS, np.array([[4.0, height]]), **case)
+        found = map_metrics.evaluate_map(WALLS, np.array([[4.0, height]]), **case)
         assert found["precision"] == share
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from echolearn.acoustics.sides import closed
 from echolearn.evaluation import scoring, stats
 from echolearn.evaluation.rows import (
     LabelledRows,
@@ -156,7 +157,7 @@ def survey(points, poses):
     corners = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 4.0], [0.0, 4.0]])
     inside = np.minimum(points, corners[2] - points).min(axis=1)
     rows = labelled(np.abs(inside) <= 0.1, snr_db=-5.0, kind="survey")
-    return LocalizedSurvey(rows, points, poses, corners, {})
+    return LocalizedSurvey(rows, points, poses, closed(corners), {})
 
 
 # Three points on walls, one 0.5 m off, one 2 m off; the last pose is 2 m from a wall, others 1.5 m.

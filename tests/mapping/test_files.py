@@ -15,7 +15,7 @@ import pytest
 import yaml
 from PIL import Image
 
-from echolearn.acoustics.sides import distance_to_outline
+from echolearn.acoustics.sides import closed, distance_to_outline
 from echolearn.acoustics.types import Array, EchoMap, Pose
 from echolearn.checks import BadValue
 from echolearn.mapping import files
@@ -178,7 +178,7 @@ def test_nav2_finds_walls_and_walk_of_an_l_where_they_are_and_nowhere_else() -> 
     assert not any(map(holds, [*shifted, *turned]))
     rows, columns = np.nonzero(cells == 100)
     centres = np.column_stack([columns + 0.5, rows + 0.5]) * resolution + [x, y]
-    assert distance_to_outline(centres, CORNERS).max() <= resolution / np.sqrt(2)
+    assert distance_to_outline(centres, closed(CORNERS)).max() <= resolution / np.sqrt(2)
     assert (np.ptp(centres, axis=0) > [5.9, 5.4]).all()  # from wall to wall
 
 

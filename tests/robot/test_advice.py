@@ -8,6 +8,7 @@ import pytest
 
 from by_hand import write_small
 from echolearn.acoustics.geometry import SearchWindow
+from echolearn.acoustics.sides import closed
 from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.robot.advice import LAST, MANY, PLACES, causes
 from echolearn.survey.health import Health, examine
@@ -52,9 +53,8 @@ def test_evidence_comes_before_questions(
 
 
 def test_what_geometry_rules_out_comes_first(empty: MappedWalk, health: Health) -> None:
-    far = replace(
-        empty, outline=20 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    )
+    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    far = replace(empty, outline=closed(20 * square))
     first, second, _ = told(far, health, noticed=("most echoes are negative",))
     assert "no pose is within 2 m of a wall" in first and "16.0 m away" in first
     assert second == "most echoes are negative"

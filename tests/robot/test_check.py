@@ -17,13 +17,14 @@ from PIL import Image
 from by_hand import edit
 from echolearn.acoustics.geometry import SearchWindow, circular_array, microphone_positions
 from echolearn.acoustics.rooms import outline, true_echoes
+from echolearn.acoustics.sides import closed, first_echoes
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
 from echolearn.robot.check import check_survey
 from echolearn.robot.png import LEVELS, palette, png_bytes
-from echolearn.robot.waterfall import first_echoes, waterfall
+from echolearn.robot.waterfall import waterfall
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
@@ -207,7 +208,7 @@ def test_first_echoes_are_those_of_mirror_sources(heading: float) -> None:
 def test_a_wall_that_ends_before_the_sound_meets_it_sends_none_back() -> None:
     corner = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]])
     place = np.array([1.0, 3.0, 1.0])
-    heard = np.isfinite(first_echoes(corner, place, microphones=place[None])[0])
+    heard = np.isfinite(first_echoes(closed(corner), place, microphones=place[None])[0])
     assert heard.tolist() == [True, False, False, True, True, True]
 
 

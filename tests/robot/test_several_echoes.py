@@ -65,4 +65,4 @@ def test_a_comparison_evaluates_every_echo(pairs: tuple[Path, Run], world: World
         r for r in found.rows if (r["classifier"], r["metric"]) == ("oracle", "wall_coverage")
     ]
     assert 0.5 < coverage["value"] <= 1.0
-    assert found.survey and np.array_equal(found.survey.corners, outline(HALL))
+    assert found.survey and np.array_equal(found.survey.walls, outline(HALL))

@@ -67,8 +67,8 @@ def points(folder: Path) -> Array:
     return np.array([[float(row[name]) for name in names] for row in rows])
 
 
-def on_walls(places: Array, corners: Array) -> Array:
-    return distance_to_outline(places[:, :2], corners) <= MAP_TOLERANCE
+def on_walls(places: Array, walls: Array) -> Array:
+    return distance_to_outline(places[:, :2], walls) <= MAP_TOLERANCE
 
 
 def test_the_map_is_what_the_scorer_finds(

@@ -62,7 +62,7 @@ class PolygonRoom:
         _check_apart(outlines)
         self._set_walls()
         self._set_doors()
-        check_t60(self)
+        check_t60(self.t60, shortest=self.shortest_t60(), dimensions=self.dimensions)
 
     def _set_walls(self) -> None:
         """Check the factors, and write them out where none are given."""
@@ -200,7 +200,8 @@ def _check_apart(outlines: Sequence[Array]) -> None:
     for corner in np.concatenate(outlines):
         # The two sides that end here are closed together elsewhere, and left out.
         others = sides[~(sides == corner).all(axis=2).any(axis=1)]
-        free = len(others) == len(sides) - 2 and distance_to_outline(corner, others) >= GAP
+        alone = len(others) == len(sides) - 2
+        free = alone and float(distance_to_outline(corner, others)) >= GAP
         allowed = f"must be at least {GAP:g} m from every side that does not end there"
         hint = "does a side run back?"
         check(free, name, f"{corner.tolist()} m", allowed=allowed, hint=hint)

@@ -1,4 +1,6 @@
-"""Rooms, boxes or of any outline: their sides on the floor plan, what is inside, true echoes."""
+"""Rooms, boxes or of any outline: their walls, what is inside, true echoes, engines for sound."""
+
+from typing import Protocol
 
 import numpy as np
 
@@ -44,7 +46,7 @@ def most_echoes(room: AnyRoom) -> int:
 def inside(room: AnyRoom, points: Array) -> Array:
     """Tell which points (P, 3) lie in the room; those on the walls of a box do."""
     low, high = bounds(room)
-    within: Array = ((points >= low) & (points <= high)).all(axis=1)
+    within: Array = np.asarray(((points >= low) & (points <= high)).all(axis=1))
     if isinstance(room, PolygonRoom):
         within &= encloses(room.faces[0], points[:, :2])
     return within
@@ -130,3 +132,26 @@ def true_echoes(
         azimuth=wrap(azimuth),
         elevation=np.arccos(toward[:, 2] / distance),
     )
+
+
+class Responder(Protocol):
+    """An engine for room impulse responses (`echolearn.simulation.responses`)."""
+
+    def __call__(
+        self,
+        room: AnyRoom,
+        source: Array,
+        microphones: Array,
+        *,
+        sample_rate: float,
+        speed_of_sound: float,
+    ) -> Array:
+        """Return impulse responses, shape (M, round(t60 * sample_rate)).
+
+        Args:
+            room: with its walls.
+            source: shape (3,), in m.
+            microphones: shape (M, 3), in m.
+            sample_rate: in Hz.
+            speed_of_sound: in m/s.
+        """

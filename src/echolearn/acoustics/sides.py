@@ -116,4 +116,5 @@ def _blocked(place: Array, met: Array, side: Array, sides: Array) -> Array:
     lines = np.stack([np.broadcast_to(place, met.shape), met], axis=1)
     crossed = crosses(lines, sides)
     crossed[np.arange(len(side)), side] = False
-    return crossed.any(axis=1)
+    found: Array = np.asarray(crossed.any(axis=1))
+    return found

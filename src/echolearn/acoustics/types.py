@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,9 @@ from echolearn.checks import (
     check_speed,
     check_whole,
     finite_vector,
+    is_number,
     real_array,
 )
-
-if TYPE_CHECKING:
-    from echolearn.acoustics.polygon_room import AnyRoom
 
 Array = NDArray[Any]
 
@@ -57,7 +55,7 @@ class Room:
             check_number("room.walls", factor, low=0.0, high=1.0)
         object.__setattr__(self, "size", tuple(map(float, self.size)))
         object.__setattr__(self, "walls", tuple(map(float, self.walls)))
-        check_t60(self)
+        check_t60(self.t60, shortest=self.shortest_t60(), dimensions=self.dimensions)
 
     @property
     def dimensions(self) -> str:
@@ -83,15 +81,20 @@ class Room:
         return reflections(self.walls, self.sabine_absorption(speed_of_sound))
 
 
-def check_t60(room: "AnyRoom") -> None:
-    """Raise `BadValue` for a reverberation time out of range, or one that Sabine's rules out."""
-    check_number("room.t60", room.t60, low=0.01, high=10.0, unit="s")
-    shortest = room.shortest_t60()
+def check_t60(t60: object, *, shortest: float, dimensions: str) -> None:
+    """Raise `BadValue` for a reverberation time out of range, or one that Sabine's rules out.
+
+    Args:
+        t60: in s.
+        shortest: T60 at which Sabine's absorption reaches 1, in s.
+        dimensions: of the room, in words.
+    """
+    check_number("room.t60", t60, low=0.01, high=10.0, unit="s")
     check(
-        shortest < room.t60,
+        is_number(t60) and shortest < t60,
         "room.t60",
-        f"{room.t60:g} s",
-        allowed=f"must be over {shortest:.3f} s, Sabine's formula, in a {room.dimensions} room",
+        f"{t60:g} s",
+        allowed=f"must be over {shortest:.3f} s, Sabine's formula, in a {dimensions} room",
         hint="walls cannot absorb more than everything; use a longer T60 or a smaller room",
     )
 
@@ -289,29 +292,6 @@ class EchoMap:
     confidence: Array
     kept: Array
     poses: Array = field(default_factory=lambda: np.empty((0, 2)))
-
-
-class Responder(Protocol):
-    """An engine for room impulse responses (`echolearn.simulation.responses`)."""
-
-    def __call__(
-        self,
-        room: "AnyRoom",
-        source: Array,
-        microphones: Array,
-        *,
-        sample_rate: float,
-        speed_of_sound: float,
-    ) -> Array:
-        """Return impulse responses, shape (M, round(t60 * sample_rate)).
-
-        Args:
-            room: with its walls.
-            source: shape (3,), in m.
-            microphones: shape (M, 3), in m.
-            sample_rate: in Hz.
-            speed_of_sound: in m/s.
-        """
 
 
 class Noise(Protocol):

@@ -15,7 +15,9 @@ from functools import partial
 import numpy as np
 
 from echolearn.acoustics.geometry import microphone_positions
-from echolearn.acoustics.types import Array, Pose, Responder, Room
+from echolearn.acoustics.polygon_room import AnyRoom
+from echolearn.acoustics.rooms import Responder
+from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.bench.measurement import Measurement, Setting
 from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant
@@ -51,13 +53,13 @@ def time_responses(setting: Setting) -> Iterator[Measurement]:
 
 
 def responding(
-    engine: Responder, room: Room, *, scene: Scene, pose: Pose = PLACE
+    engine: Responder, room: AnyRoom, *, scene: Scene, pose: Pose = PLACE
 ) -> Callable[[], Array]:
     """Return a call of an engine for all microphones of a scene.
 
     Args:
         engine: computes the responses.
-        room: a shoebox.
+        room: where.
         scene: array, sample rate and speed of sound.
         pose: of the robot.
     """

@@ -84,7 +84,7 @@ def score_map(
     def every(given: Predictions, weights: Array | None) -> Mapping[str, Array]:
         """Return all metrics of one seed's map."""
         return map_metrics.evaluate_map(
-            survey.corners,
+            survey.walls,
             survey.points,
             kept=given.kept,
             confidence=given.confidence,

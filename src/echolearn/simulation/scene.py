@@ -10,6 +10,7 @@ import numpy as np
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import microphone_positions
 from echolearn.acoustics.polygon_room import AnyRoom
+from echolearn.acoustics.rooms import Responder
 from echolearn.acoustics.types import (
     SPEED_OF_SOUND,
     Array,
@@ -17,7 +18,6 @@ from echolearn.acoustics.types import (
     Noise,
     Pose,
     Probe,
-    Responder,
     Room,
 )
 from echolearn.checks import check_speed

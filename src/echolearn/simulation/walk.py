@@ -18,7 +18,7 @@ import numpy as np
 
 from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.types import Array, Pose, Room
-from echolearn.checks import check, check_number, check_whole
+from echolearn.checks import BadValue, check, check_number, check_whole
 
 CLEARANCE = 1.05
 """Smallest distance from the walls that the first turn aims at, in m."""
@@ -58,6 +58,8 @@ def trajectory(room: AnyRoom, *, poses: int = 160, start: float = 0.6) -> list[P
     """
     check_whole("poses", poses, low=2, high=MOST)
     check_number("start", start, low=-10.0, high=10.0, unit="rad")
+    if not isinstance(room, Room):
+        raise BadValue("room: must be a box")
     far = f"{CLEARANCE:g} to {CLEARANCE + WEAVE:g} m"
     check(
         min(room.size[:2]) > LEAST - 1e-9,

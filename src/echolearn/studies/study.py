@@ -136,8 +136,8 @@ class Study:
         """Return where the robot stands, one pose per position."""
         if self.places == "walk":
             return walk_poses(self.room, count=self.positions, seed=self.seed)
-        allowed = "must be walk in a room that is no box"
-        check(isinstance(self.room, Room), "places", self.places, allowed=allowed)
+        if not isinstance(self.room, Room):
+            raise BadValue(f"places={self.places}: must be walk where the room is no box")
         return [
             corner_pose(self.room, walls=self.walls, seed=self.seed, number=number)
             for number in range(self.positions)

@@ -5,6 +5,8 @@
 its first is closed, any other ends where it ends: a gap is a door.
 """
 
+from typing import Any
+
 import numpy as np
 
 from echolearn.acoustics.sides import closed, polylines, twice_area
@@ -22,7 +24,7 @@ CORNERS = "must be null, or 3 to 1000 distinct corners in order around an area"
 LINE = "must be lines of at least two corners, each apart from the one before it"
 
 
-def check_walls(name: str, value: object) -> None:
+def check_walls(name: str, value: Any) -> None:
     """Raise `BadValue` unless a value is the floor plan of a survey."""
     if not _is_lines(value):
         check_outline(name, value)
@@ -52,7 +54,7 @@ def check_outline(name: str, value: object) -> None:
     check(area >= 0.01, name, f"an area of {area:.2g} m^2", allowed=CORNERS, hint=hint)
 
 
-def _is_lines(value: object) -> bool:
+def _is_lines(value: Any) -> bool:
     """Tell whether a plan is given as lines: its first corner is two brackets deep, or deeper."""
     deep = isinstance(value, list) and value and isinstance(value[0], list) and value[0]
     return bool(deep and isinstance(value[0][0], list) and all(isinstance(p, list) for p in value))
@@ -69,7 +71,7 @@ def _check_line(name: str, value: object) -> None:
     check(apart, name, "a corner twice in a row", allowed=LINE)
 
 
-def sides(walls: list[object]) -> Array:
+def sides(walls: Any) -> Array:
     """Return the sides of a floor plan that has been checked, shape (S, 2, 2), in m."""
     if not _is_lines(walls):
         return closed(np.array(walls, dtype=float))
@@ -77,7 +79,7 @@ def sides(walls: list[object]) -> Array:
     return np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
 
 
-def plain(walls: Array) -> list[object]:
+def plain(walls: Array) -> list[Any]:
     """Return sides (S, 2, 2) as `survey.yaml` has them: a single outline as its corners."""
     lines = polylines(walls)
     if len(lines) == 1 and len(lines[0]) > 3 and (lines[0][0] == lines[0][-1]).all():

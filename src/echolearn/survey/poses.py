@@ -23,7 +23,7 @@ from echolearn.acoustics.types import Array, Pose
 from echolearn.checks import BadValue, check
 from echolearn.storage.files import one_line
 from echolearn.survey.audio import check_size
-from echolearn.survey.description import IN_ROOM
+from echolearn.survey.floor_plan import IN_ROOM
 from echolearn.survey.walked import check_walk
 
 LARGEST_CSV = 4 << 20

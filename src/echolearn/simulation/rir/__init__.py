@@ -1,1 +1,1 @@
-"""Engines for responses: one module each, of one interface (`acoustics.types.Responder`)."""
+"""Engines for responses: one module each, of one interface (`acoustics.rooms.Responder`)."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.types import Array, Room
+from echolearn.checks import BadValue
 from echolearn.simulation.responses import check_placement, response_length
 
 FAINT = 1e-9
@@ -55,6 +56,8 @@ class Images:
         """
         from echolearn.simulation import image_loops
 
+        if not isinstance(room, Room):
+            raise BadValue("room: must be a box")
         check_placement(
             room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
         )
