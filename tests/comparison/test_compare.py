@@ -4,6 +4,7 @@ what stops it."""
 import csv
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from echolearn.comparison.evaluate import against_baseline
 from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings, pick, to_csv
 from echolearn.storage import manifests
 from echolearn.training.runs import load_runs
-from world import POSES, TRAINED, WALKS, World, evaluated
+from world import POSES, TRAINED, WALKS, World, coming_second, evaluated
 
 ABOUT = "role,method,split,target,kind,set_role,room,localizer"
 TABLES = {
@@ -219,6 +220,36 @@ def test_other_inputs_are_evaluated_anew(world: World, compared: Path, tmp_path:
     assert (folder / "table.md").read_text() in readme.read_text()
 
 
+def test_what_another_command_writes_meanwhile_is_not_shown(
+    world: World, compared: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """It comes while this one waits to write to the README, its folder free again."""
+    for part in ("data", "survey", "train"):
+        (tmp_path / part).symlink_to(world.runs / part)
+    folder = Path(shutil.copytree(compared, tmp_path / "compare" / "small"))
+    before = [(folder / name).read_bytes() for name in report.SHOWN[:2]]
+    readme = tmp_path / "README.md"
+    readme.write_text(f"{report.RESULTS.begin}\n{report.RESULTS.end}\n")
+
+    def other() -> None:
+        for name in report.SHOWN:
+            (folder / name).write_text("another")
+
+    said: list[str] = []
+
+    def heard() -> str:
+        said.append(capfd.readouterr().out)
+        # The table is printed before the page is written.
+        return "waiting for another command" if "report.html" in "".join(said) else ""
+
+    arguments = world.arguments | {"runs": tmp_path}
+    work = partial(compare, name="small", readme=readme, **arguments)
+    coming_second(work, readme, other, heard)
+    table, picture = before
+    assert "".join(said).startswith(table.decode()) and table.decode() in readme.read_text()
+    assert (tmp_path / "docs" / "before_after.svg").read_bytes() == picture
+
+
 INPUTS = "runs sets surveys localizers resamples report".split()
 
 
@@ -230,7 +261,8 @@ def test_every_input_is_part_of_the_identity_and_damage_is_seen(
     inputs = manifest["inputs"]
     assert list(inputs) == sorted(INPUTS)
     folder = Path(shutil.copytree(compared, tmp_path / "copy"))
-    assert _finished(folder, inputs) == folder
+    shown = _finished(folder, inputs)
+    assert shown == {name: (folder / name).read_bytes() for name in report.SHOWN}
     for name in INPUTS:
         assert _finished(folder, inputs | {name: "another"}) is None
     flip(folder / "figures" / "bands.svg")

@@ -2,9 +2,9 @@
 README's table."""
 
 import re
-import shutil
 from base64 import b64decode
 from dataclasses import replace
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -318,34 +318,30 @@ def test_a_readme_gets_the_table_between_its_markers_and_the_map(
     compared: Path, tmp_path: Path, maps: bool
 ) -> None:
     """Without maps its picture stays."""
-    finished = Path(shutil.copytree(compared, tmp_path / "done"))
     before, after = "# Title\n\n<!-- another -->\r\n", "\n\n## Mehr über\n"
     readme = tmp_path / "README.md"
     readme.write_bytes(f"{before}{BEGIN}\nold\n{END}{after}".encode())
-    picture = (finished / "figures" / "maps_last.svg").read_bytes()
-    if not maps:
-        for path in (finished / "figures").glob("maps_*.svg"):
-            path.unlink()
-    table = (finished / "table.md").read_text()
+    names = report.SHOWN if maps else report.SHOWN[:1]
+    found = {name: (compared / name).read_bytes() for name in names}
+    table = found["table.md"].decode()
     for _ in range(2):
-        report.show(finished, readme=readme)
+        report.show(found, folder=compared, readme=readme)
         assert readme.read_bytes() == f"{before}{BEGIN}\n{table}\n{END}{after}".encode()
     shown = tmp_path / "docs" / "before_after.svg"
-    assert shown.read_bytes() == picture if maps else not shown.exists()
+    assert shown.read_bytes() == found[names[1]] if maps else not shown.exists()
 
 
 @pytest.mark.parametrize("text", ["nothing", BEGIN, END, END + BEGIN, 2 * (BEGIN + END)])
-def test_a_readme_without_the_markers_is_left_alone(
-    compared: Path, tmp_path: Path, text: str
-) -> None:
+def test_a_readme_without_the_markers_is_left_alone(tmp_path: Path, text: str) -> None:
+    show = partial(report.show, {"table.md": b"new"}, folder=tmp_path)
     readme = tmp_path / "README.md"
     readme.write_text(text)
     with pytest.raises(BadValue, match=r"^readme=.*README.md: must be a file with one <!-- resu"):
-        report.show(compared, readme=readme)
+        show(readme=readme)
     assert readme.read_text() == text
     readme.unlink()
     with pytest.raises(BadValue, match=r"^readme=.*README.md: cannot be read"):
-        report.show(compared, readme=readme)
+        show(readme=readme)
 
 
 def test_the_projects_readme_has_the_markers() -> None:

@@ -113,8 +113,12 @@ def test_other_intervals_and_an_older_format_are_made_from_the_same_estimates(br
     about = manifests.verify(folder) | {"format": 0}
     (folder / "study.md").write_text("as it was")
     manifests.finish(folder, about, ["study.csv", "study.md"])
+    # What killed commands have left.
+    for left in (folder / ".study.md", folder / "figures" / ".map.svg"):
+        left.with_name(f"{left.name}.0123456789ab.tmp").touch()
     run_study(brief, name="small", runs=tmp_path, resamples=20)
     assert content(folder) == whole
+    assert list(folder.rglob(".*")) == []
     run_study(brief, name="small", runs=tmp_path, resamples=30)
     assert manifests.verify(folder)["resamples"] == 30
     assert estimates.stat().st_mtime_ns == before

@@ -27,8 +27,10 @@ from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.identity import digest, plain
 from echolearn.storage.manifests import (
     MANIFEST,
+    Contents,
     command_entry,
     finish,
+    listed_bytes,
     load_manifest,
     verify,
 )
@@ -81,14 +83,15 @@ def compare(
     known = identity(inputs) | {"resamples": resamples, "report": report.FORMAT}
     folder = Path(runs) / "compare" / name
 
-    def make() -> Path:
-        """Evaluate everything, and write the comparison."""
+    def make() -> Contents:
+        """Evaluate everything, write the comparison, and return what of it is shown."""
         comparison = evaluate(inputs, resamples=resamples, workers=workers)
         about = {"kind": "comparison", "inputs": known} | command_entry(command)
         return _write(folder, comparison, about=about)
 
-    once(folder, finished=partial(_finished, folder, known), make=make, doing="makes it")
-    report.show(folder, readme=readme)
+    # Shown is what this command has made or found: another one may write into the folder by now.
+    found = once(folder, finished=partial(_finished, folder, known), make=make, doing="makes it")
+    report.show(found, folder=folder, readme=readme)
     return folder
 
 
@@ -158,15 +161,16 @@ def identity(inputs: Inputs) -> dict[str, Any]:
     }
 
 
-def _finished(folder: Path, inputs: Mapping[str, Any]) -> Path | None:
-    """Return a comparison's folder if it is whole and made from these inputs."""
+def _finished(folder: Path, inputs: Mapping[str, Any]) -> Contents | None:
+    """Return what is shown of a comparison if it is whole and made from these inputs."""
     with suppress(BadValue):
-        if verify(folder).get("inputs") == inputs:
-            return folder
+        manifest = verify(folder)
+        if manifest.get("inputs") == inputs:
+            return listed_bytes(folder, manifest, report.SHOWN)
     return None
 
 
-def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) -> Path:
+def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) -> Contents:
     # What an interrupted command or another comparison of this name has left goes first.
     clean(folder)
     clean(folder / "figures")
@@ -178,7 +182,7 @@ def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) ->
     for file, content in files.items():
         write_atomic(folder / file, content)
     finish(folder, {**about, "chosen": chosen_run(comparison).identity}, files)
-    return folder
+    return {name: files[name] for name in report.SHOWN if name in files}
 
 
 def find_set(runs: Path, name: str) -> Path:

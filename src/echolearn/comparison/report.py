@@ -16,8 +16,8 @@ from pathlib import Path
 from echolearn.comparison.choice import Comparison
 from echolearn.comparison.tables import gather
 from echolearn.comparison.template import template
-from echolearn.storage.files import write_atomic
-from echolearn.storage.marked_page import Markers, write_between
+from echolearn.storage.manifests import Contents
+from echolearn.storage.marked_page import Markers, write_beside, write_between
 
 FORMAT = 8
 """Version of the report and the tables; part of a comparison's identity."""
@@ -29,6 +29,9 @@ RESULTS = Markers(
     "<!-- results: written by `echolearn compare` -->", "<!-- end of results -->", "readme"
 )
 """Lines of a README between which the results table stands."""
+
+SHOWN = ("table.md", "figures/maps_last.svg", "figures/maps_first.svg")
+"""Files of a comparison that are printed or put beside a README, the better picture first."""
 
 
 def make(comparison: Comparison, *, name: str) -> dict[str, bytes]:
@@ -60,20 +63,22 @@ def machine() -> dict[str, str]:
     }
 
 
-def show(folder: Path, *, readme: Path | None) -> None:
+def show(found: Contents, *, folder: Path, readme: Path | None) -> None:
     """Print the results table and the report's path; put table and map into a README.
 
     The map, beside the README, is that of the lowest SNR, where filtering earns most.
+
+    Args:
+        found: those files of `SHOWN` that there are.
+        folder: of the comparison.
+        readme: the file; None leaves it.
     """
-    table = (folder / "table.md").read_text()
+    table = found[SHOWN[0]].decode()
     sys.stdout.write(table)
     print(f"\n{folder / 'report.html'}")
     if readme is None:
         return
     write_between(readme, table, markers=RESULTS)
-    for name in ("maps_last.svg", "maps_first.svg"):
-        picture = folder / "figures" / name
-        if picture.is_file():
-            place = Path(readme).parent / "docs" / "before_after.svg"
-            write_atomic(place, picture.read_bytes())
-            break
+    pictures = [found[name] for name in SHOWN[1:] if name in found]
+    if pictures:
+        write_beside(Path(readme).parent / "docs" / "before_after.svg", pictures[0])

@@ -93,10 +93,15 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def clean(folder: Path) -> None:
-    """Remove the temporaries and locks that killed commands left in a folder, not living ones'."""
-    folder = Path(folder)
-    for left in chain(folder.glob(".*.tmp"), folder.glob(".*.lock")):
+def clean(folder: Path, name: str = "*") -> None:
+    """Remove the temporaries and locks that killed commands left in a folder, not living ones'.
+
+    Args:
+        folder: of results, in which nobody else keeps hidden files of such names.
+        name: of the file that they belong to; * is any.
+    """
+    own = f".{name}.{'[0-9a-f]' * 12}.tmp"
+    for left in chain(Path(folder).glob(own), Path(folder).glob(f".{name}.lock")):
         with suppress(OSError), left.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             left.unlink()

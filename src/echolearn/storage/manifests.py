@@ -42,6 +42,9 @@ MANIFEST = "manifest.json"
 METRICS = "metrics.json"
 BUNDLE = "bundle.json"
 
+Contents = dict[str, bytes]
+"""Files by name."""
+
 LARGEST = 64 << 20
 """Bytes that a manifest may have; it holds about 130 for each file."""
 
@@ -215,6 +218,31 @@ def verify(folder: Path) -> dict[str, Any]:
         path = Path(folder) / name
         check_file(path, size=entry["bytes"], expected=entry["sha256"], mend=mend)
     return manifest
+
+
+def listed_bytes(folder: Path, manifest: Mapping[str, Any], names: Iterable[str]) -> Contents:
+    """Return contents of files as a manifest names them, whoever writes to the folder meanwhile.
+
+    Args:
+        folder: where they are.
+        manifest: of the folder, as it was read.
+        names: of the files; those that it does not name are left out.
+
+    Raises:
+        BadValue: one is another by now.
+    """
+    found = {}
+    for name in names:
+        entry = manifest["files"].get(name)
+        if entry is None:
+            continue
+        path = Path(folder) / name
+        check_file(path, size=entry["bytes"], expected=entry["sha256"])
+        found[name] = path.read_bytes()
+        # Another command may have written it since the line before the last.
+        same = hashlib.sha256(found[name]).hexdigest() == entry["sha256"]
+        check(same, str(path), "changed", allowed="must stay as it is while it is read")
+    return found
 
 
 def command_entry(command: str | None) -> dict[str, str]:

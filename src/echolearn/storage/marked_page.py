@@ -1,5 +1,10 @@
-"""Text that commands write into people's pages, between two markers; all the rest stays."""
+"""Text that commands write into people's pages, between two markers; all the rest stays.
 
+Pages and the figures beside them lie among other files of people's own: of what killed commands
+have left there, only that goes which belongs to the file that is written.
+"""
+
+from glob import escape
 from pathlib import Path
 from typing import NamedTuple
 
@@ -55,4 +60,16 @@ def write_between(page: Path, text: str, *, markers: Markers) -> None:
     with locked(page):
         # Another command may have written to the page meanwhile.
         before, after = around(page, markers)
-        files.write_atomic(Path(page), f"{before}\n{text}\n{after}".encode())
+        _replace(Path(page), f"{before}\n{text}\n{after}".encode())
+
+
+def write_beside(path: Path, content: bytes) -> None:
+    """Write a file that a page shows, atomically, one command after another."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with locked(path):
+        _replace(path, content)
+
+
+def _replace(path: Path, content: bytes) -> None:
+    files.clean(path.parent, escape(path.name))
+    files.write_atomic(path, content)

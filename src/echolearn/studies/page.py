@@ -10,8 +10,8 @@ from pathlib import Path
 
 from echolearn.comparison.template import template
 from echolearn.evaluation.rows import distinct
-from echolearn.storage import files, manifests
-from echolearn.storage.marked_page import Markers, around, write_between
+from echolearn.storage import manifests
+from echolearn.storage.marked_page import Markers, around, write_beside, write_between
 from echolearn.studies.curves import FIGURES
 
 
@@ -35,12 +35,14 @@ def publish(folder: Path, page: Path) -> None:
     name = folder.name
     manifest = manifests.verify(folder)
     check_page(page, name)
+    # All of one study: another command may write other intervals into the folder meanwhile.
+    found = manifests.listed_bytes(folder, manifest, manifest["files"])
     beside = page.parent / page.stem
-    files.write_atomic(beside / f"{name}.csv", (folder / "study.csv").read_bytes())
+    write_beside(beside / f"{name}.csv", found["study.csv"])
     # What has one value only is a table of a few numbers, no figure.
     if len(manifest["study"]["values"]) > 1:
-        for figure in (folder / "figures").glob("*.svg"):
-            files.write_atomic(beside / f"{name}_{figure.name}", figure.read_bytes())
+        for figure in (Path(each) for each in found if each.endswith(".svg")):
+            write_beside(beside / f"{name}_{figure.name}", found[str(figure)])
     words = shlex.split(manifest.get("command", ""))
     command = shlex.join(word for word in words if not word.startswith("runs="))
     text = section(beside / f"{name}.csv", vary=manifest["study"]["vary"], command=command)

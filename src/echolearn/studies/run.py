@@ -11,6 +11,7 @@ a dead microphone (S-NLS, if it is microphone 1) is wrong in them.
 
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -62,8 +63,10 @@ def run_study(
     about = {"kind": "study", "format": curves.FORMAT, "study": plain(study)}
     about["resamples"] = resamples
 
-    def make() -> Path:
-        """Make what is missing of the study, then its table and figures."""
+    def make() -> str:
+        """Make what is missing of the study, then its table and figures; return the table."""
+        for place in (folder, folder / "figures"):
+            clean(place)
         estimates = folder / _shards_of(about["study"])
         clean(estimates)
         missing = manifests.missing_shards(estimates, len(study.values))
@@ -78,10 +81,11 @@ def run_study(
         for file, content in files.items():
             write_atomic(folder / file, content)
         manifests.finish(folder, about | manifests.command_entry(command), files)
-        return folder
+        return files["study.md"].decode()
 
-    once(folder, finished=lambda: _finished(folder, about), make=make, doing="makes this study")
-    print((folder / "study.md").read_text(), *sorted(folder.glob("figures/*.svg")), sep="\n")
+    finished = partial(_finished, folder, about)
+    table = once(folder, finished=finished, make=make, doing="makes this study")
+    print(table, *sorted(folder.glob("figures/*.svg")), sep="\n")
     return folder
 
 
@@ -90,8 +94,8 @@ def _shards_of(study: Any) -> str:
     return f"estimates-{digest(study)}"
 
 
-def _finished(folder: Path, about: Mapping[str, Any]) -> Path | None:
-    """Return the folder if it holds this study, finished; raise `BadValue` if it holds another."""
+def _finished(folder: Path, about: Mapping[str, Any]) -> str | None:
+    """Return the table of this study if it is finished; raise `BadValue` if there is another."""
     there = {path.name for path in folder.glob("estimates-*")}
     manifest: Mapping[str, Any] = {}
     # Of one that is not finished, or damaged, the shards alone tell what it is.
@@ -107,7 +111,8 @@ def _finished(folder: Path, about: Mapping[str, Any]) -> Path | None:
     )
     with suppress(BadValue):
         manifests.verify(folder)
-        return folder if about.items() <= manifest.items() else None
+        if about.items() <= manifest.items():
+            return manifests.listed_bytes(folder, manifest, ["study.md"])["study.md"].decode()
     return None
 
 
