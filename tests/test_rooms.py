@@ -27,7 +27,8 @@ OWNERS = {
     "hydra omegaconf": ["cli"],
     "yaml": ["cli", "survey"],
     "lightning safetensors sklearn": ["classifiers"],
-    "torch": ["classifiers", "training"],
+    # An engine of room impulse responses sums on a GPU.
+    "torch": ["classifiers", "training", "simulation"],
     "onnx": ["bench", "classifiers"],
     "onnxruntime": ["classifiers", "robot"],
     "pyroomacoustics numba llvmlite": ["simulation"],

@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 import pyroomacoustics
 import pytest
+import torch
 
 from echolearn.acoustics.types import Room
 from echolearn.simulation import image_loops
 from echolearn.simulation.image_loops import fractional_delay
+from echolearn.simulation.rir import torch_images
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.rir.pyroom import Pyroom, complete_order
+from echolearn.simulation.rir.torch_images import TorchImages
 from reference import RATE, SPEED
 from refusals import refused
 
@@ -23,7 +26,10 @@ MICROPHONES = np.array([[2.91, 2.02, 0.81], [3.07, 1.18, 1.69]])
 LIVE = (1.0,) * 6
 ANECHOIC = (0.0,) * 6
 BAND = np.linspace(0.05, 0.9, 180) / 2
-engines = pytest.mark.parametrize("engine", [Images(), Pyroom()], ids=["images", "pyroom"])
+ENGINES = {"images": Images(), "pyroom": Pyroom(), "torch": TorchImages("cpu")}
+engines = pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
+CUDA = torch.cuda.is_available()
+NO_CUDA = pytest.mark.skipif(not CUDA, reason="no CUDA here")
 
 
 def small(*walls):
@@ -139,6 +145,22 @@ def test_same_input_gives_the_same_bytes(engine):
     assert first.tobytes() == second.tobytes()
     [alone] = respond(engine, small(*LIVE), microphones=MICROPHONES[1:])
     assert first[1].tobytes() == alone.tobytes()
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=NO_CUDA)])
+def test_torch_sums_the_same_images_to_the_same_bytes_on_any_device(device, monkeypatch):
+    room = Room((5.0, 4.0, 3.0), 0.4)
+    whole = respond(TorchImages(device), room)
+    assert_close(whole, respond(Images(), room), -130.0)
+    # However many are computed at a time, and in whatever order a device adds them.
+    monkeypatch.setattr(torch_images, "BLOCK", 3000)
+    assert respond(TorchImages("cpu"), room).tobytes() == whole.tobytes()
+
+
+@pytest.mark.skipif(CUDA, reason="there is one")
+def test_a_device_that_is_not_there_is_one_line():
+    with refused("rir.device=cuda: must be on this machine"):
+        respond(TorchImages(), small(*LIVE))
 
 
 def test_pyroomacoustics_keeps_its_own_settings():

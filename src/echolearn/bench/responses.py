@@ -3,7 +3,8 @@
 All three sum every image within T60: pyroomacoustics up to the order that holds that ball
 (`Pyroom.complete`), the generator of Habets (the one that the paper used) with order -1, its
 high-pass off. The latter's time is proportional to the number of microphones, so it computes one
-response, and is charged for as many as the others.
+response, and is charged for as many as the others. Where there is CUDA, `TorchImages` is timed,
+too.
 """
 
 import math
@@ -24,6 +25,7 @@ from echolearn.runtime.timing import Contestant
 from echolearn.simulation.responses import response_length
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.rir.pyroom import Pyroom
+from echolearn.simulation.rir.torch_images import TorchImages, cuda_is_there
 from echolearn.simulation.scene import Scene
 
 HALL = Room((10.0, 8.0, 6.0), 0.6)
@@ -40,6 +42,8 @@ def time_responses(setting: Setting) -> Iterator[Measurement]:
         contestants = {"images": Contestant(responding(Images(), room, scene=scene))}
         if t60 in setting.peer_t60:
             contestants |= peers(room, scene)
+        if cuda_is_there():
+            contestants["torch, cuda"] = Contestant(responding(TorchImages(), room, scene=scene))
         yield from setting.compare("rir", contestants, parameter="t60", value=t60)
         # Images of one microphone within T60: the ball's volume over the room's.
         ball = 4 / 3 * math.pi * (t60 * scene.speed_of_sound) ** 3

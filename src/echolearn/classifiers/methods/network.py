@@ -232,7 +232,7 @@ def seeded(seed: int, *, accelerator: str) -> Iterator[None]:
     """Seed torch within the block, on one thread; put both back afterwards."""
     threads = torch.get_num_threads()
     # Whoever asks for a GPU's random state starts CUDA, after which no process can be forked.
-    devices = [] if accelerator == "cpu" else None
+    devices: list[int] | None = [] if accelerator == "cpu" else None
     with torch.random.fork_rng(devices):
         torch.manual_seed(seed)
         torch.set_num_threads(1)

@@ -66,20 +66,42 @@ class Images:
         # All lengths in samples of the grid, which has twice the rate.
         scale = 2 * sample_rate / speed_of_sound
         reach = 2.0 * (length + image_loops.REACH)
-        size = scale * np.array(room.size)
-        reflection = room.reflection(speed_of_sound).reshape(3, 2)
-        origin = scale * np.asarray(source, dtype=float)
-        places = scale * np.asarray(microphones, dtype=float)
-
-        # The innermost loop is the one that is fast: it gets the shortest side, with most images.
-        x, y, z = (
-            axis_images(
-                size[i], reflection[i], source=origin[i], microphones=places[:, i], reach=reach
-            )
-            for i in np.argsort(-size, kind="stable")
-        )
-        response = image_loops.responses((x, y, z), length, reach=reach)
+        reflection = room.reflection(speed_of_sound)
+        axes = lattice(room, source, microphones, scale=scale, reflection=reflection, reach=reach)
+        response = image_loops.responses(axes, length, reach=reach)
         return response.astype(np.float64) * (scale / (4 * np.pi))
+
+
+def lattice(
+    room: Room,
+    source: Array,
+    microphones: Array,
+    *,
+    scale: float,
+    reflection: Array,
+    reach: float,
+) -> tuple[Array, Array, Array]:
+    """Return the images along each axis of a room, longest side first, as `axis_images` has them.
+
+    Args:
+        room: the shoebox.
+        source: shape (3,), in m.
+        microphones: shape (M, 3), in m.
+        scale: samples of the grid per m.
+        reflection: coefficients of the walls, shape (6,).
+        reach: largest distance of interest, in samples of the grid.
+    """
+    size = scale * np.array(room.size)
+    walls = reflection.reshape(3, 2)
+    origin = scale * np.asarray(source, dtype=float)
+    places = scale * np.asarray(microphones, dtype=float)
+
+    # The innermost loop is the one that is fast: it gets the shortest side, with most images.
+    x, y, z = (
+        axis_images(size[i], walls[i], source=origin[i], microphones=places[:, i], reach=reach)
+        for i in np.argsort(-size, kind="stable")
+    )
+    return x, y, z
 
 
 def axis_images(
