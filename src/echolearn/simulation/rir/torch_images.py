@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import fftconvolve
 
+from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.types import Array, Room
-from echolearn.checks import check, check_choice
+from echolearn.checks import BadValue, check, check_choice
 from echolearn.simulation.responses import check_placement, response_length
 from echolearn.simulation.rir.images import lattice
 
@@ -46,7 +47,7 @@ class TorchImages:
 
     def __call__(
         self,
-        room: Room,
+        room: AnyRoom,
         source: Array,
         microphones: Array,
         *,
@@ -70,6 +71,8 @@ class TorchImages:
         """
         from echolearn.simulation import image_loops
 
+        if not isinstance(room, Room):
+            raise BadValue("room: must be a box for rir=torch")
         check_placement(
             room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
         )
