@@ -222,6 +222,15 @@ BAD: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 }
 
 
+def test_a_scorer_that_no_runtime_could_compute_is_refused_by_its_operator() -> None:
+    class Middle(torch.nn.Module):
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            return x.median(1).values
+
+    with pytest.raises(BadValue, match=r"^scorer=median: must be operators of ONNX's set 13; "):
+        onnx_export.to_onnx(Middle(), shape=(5,))
+
+
 @pytest.mark.parametrize("part", BAD)
 def test_bad_arguments_are_named_in_one_line(part):
     kind, arguments = BAD[part]

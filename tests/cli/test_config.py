@@ -382,6 +382,7 @@ def test_any_name_that_is_quoted_is_read_as_it_is(name: str) -> None:
 def test_names_in_lists_and_among_quoted_ones_are_what_was_typed() -> None:
     found = one("compare", "surveys=[2024_01_15, 007,'a, (b)',1e3,null]", "tested=[1_000]")
     assert found["surveys"] == ["2024_01_15", "007", "a, (b)", "1e3", "null"]
+    assert one("compare", "surveys=[]")["surveys"] == []
     assert found["tested"] == ["1_000"]
     swept = compose("map", ["survey='a (1)',007,'b, c'"], many=True)
     assert [config["survey"] for _, config in swept] == ["a (1)", "007", "b, c"]

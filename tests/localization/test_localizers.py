@@ -13,11 +13,9 @@ import echolearn.localization.methods
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, MicArray, Observation
+from echolearn.checks import BadValue
 from echolearn.localization.localize import localize
 from echolearn.localization.matched_filter import MatchedFilter
-from echolearn.localization.methods.gated import Gated
-from echolearn.localization.methods.peaks import Peaks
-from echolearn.localization.methods.snls import Snls
 from echolearn.localization.silence import SilentMicrophone
 from reference import FIRST, LAST, RATE, RING, observed, turn, wave, white
 from refusals import refused
@@ -249,6 +247,20 @@ def test_an_array_too_wide_to_be_steered_is_refused(kind):
 # ---------------------------------------------------------------- silent microphones
 
 
+def needs_first(localizer, batch):
+    """Tell whether times come from microphone 1 alone: of ours by name, of yours by what it does
+    with a batch in which that one is silent."""
+    kind = type(localizer).__name__
+    if kind in ("Em", "Gated", "Joint", "Mclam", "Peaks", "Snls"):
+        return kind in ("Gated", "Peaks", "Snls")
+    try:
+        localizer(batch)
+    except BadValue:
+        return True
+    return False
+
+
+@pytest.mark.filterwarnings("ignore::echolearn.localization.silence.SilentMicrophone")
 @pytest.mark.parametrize("microphone", [1, 4])
 @pytest.mark.parametrize("fault", ["silent", "stuck", "faint"])
 def test_a_silent_microphone_is_told_and_left_out(localizer, fault, microphone):
@@ -256,7 +268,7 @@ def test_a_silent_microphone_is_told_and_left_out(localizer, fault, microphone):
     faint = white(PROBE, 1e-4, 5)[0]
     samples[0, microphone - 1] = {"silent": 0.0, "stuck": 0.7, "faint": faint}[fault]
     batch = Observation(samples, PROBE, RING)
-    if microphone == 1 and isinstance(localizer, Gated | Peaks | Snls):
+    if microphone == 1 and needs_first(localizer, batch):
         with refused("observation.samples=silence at microphone 1: "):
             localizer(batch)
         return

@@ -11,6 +11,7 @@ The file is proved before anybody trusts it: on `TRIALS` inputs or more, ordinar
 onnxruntime must compute the confidences of the trained object.
 """
 
+import re
 from collections.abc import Iterator
 from io import BytesIO
 from itertools import chain
@@ -21,6 +22,7 @@ import onnx
 import torch
 
 from echolearn.acoustics.types import PARITY, Array
+from echolearn.checks import BadValue
 from echolearn.classifiers.calibration import Calibrated
 from echolearn.classifiers.constants import register_constants
 from echolearn.classifiers.inference import BLOCK, open_onnx
@@ -134,19 +136,29 @@ def mixtures(x: Inputs, count: int, *, rng: np.random.Generator) -> Array:
 
 
 def to_onnx(module: torch.nn.Module, *, shape: tuple[int, ...]) -> bytes:
-    """Return the ONNX file of a module: "x", float32 (B, *shape), to "confidence", (B,)."""
+    """Return the ONNX file of a module: "x", float32 (B, *shape), to "confidence", (B,).
+
+    Raises:
+        BadValue: the module computes with an operator that the set lacks.
+    """
     buffer = BytesIO()
-    with without_remarks():
-        torch.onnx.export(
-            module.eval(),
-            (torch.zeros((3, *shape)),),
-            buffer,  # type: ignore[arg-type]  # the tracing exporter writes to open files, too
-            dynamo=False,
-            opset_version=OPSET,
-            input_names=["x"],
-            output_names=["confidence"],
-            dynamic_axes={"x": {0: "batch"}, "confidence": {0: "batch"}},
-        )
+    try:
+        with without_remarks():
+            torch.onnx.export(
+                module.eval(),
+                (torch.zeros((3, *shape)),),
+                buffer,  # type: ignore[arg-type]  # the tracing exporter writes to open files, too
+                dynamo=False,
+                opset_version=OPSET,
+                input_names=["x"],
+                output_names=["confidence"],
+                dynamic_axes={"x": {0: "batch"}, "confidence": {0: "batch"}},
+            )
+    except torch.onnx.errors.UnsupportedOperatorError as error:
+        operator = re.findall(r"'(?:aten::)?(\S+)'", str(error))
+        allowed = f"must be operators of ONNX's set {OPSET}"
+        hint = "write it out in simpler ones, see docs/extend.md"
+        raise BadValue(f"scorer={' '.join(operator[:1])}: {allowed}; {hint}") from None
     model = onnx.load_from_string(buffer.getvalue())
 
     # With torch's version in it, the file would change although the classifier does not.

@@ -226,7 +226,7 @@ def _set(config: "DictConfig", override: "Override", *, known: Sequence[str]) ->
             raise BadValue(f"{word}: {allowed}; {quoted(word)}")
         value = typed if isinstance(value, int | float) else value
     elif isinstance(value, list) and default and all(isinstance(name, str) for name in default):
-        pairs = zip(value, split(typed[1:-1]), strict=True)
+        pairs = zip(value, split(typed[1:-1]) if value else [], strict=True)
         value = [item if isinstance(item, str) else name for item, name in pairs]
     OmegaConf.update(config, key, value, merge=True, force_add=True)
 
