@@ -76,13 +76,13 @@ def model(change: Callable[[Any], object]) -> Mutate:
     return replaced("model.onnx", make)
 
 
-def graph(*nodes: Any, domain: str = "", **constants: Any) -> Mutate:
+def graph(*nodes: Any, domain: str = "", opset: int = 20, **constants: Any) -> Mutate:
     """Return the mutation that puts another model in place, from x (b, 4) to confidence (b,)."""
     ends = [
         helper.make_tensor_value_info("x", TensorProto.FLOAT, ["b", 4]),
         helper.make_tensor_value_info("confidence", TensorProto.DOUBLE, ["c"]),
     ]
-    sets = [helper.make_opsetid("", 20), *([helper.make_opsetid(domain, 1)] if domain else [])]
+    sets = [helper.make_opsetid("", opset), *([helper.make_opsetid(domain, 1)] if domain else [])]
     given = [numpy_helper.from_array(np.asarray(value), key) for key, value in constants.items()]
     proto = helper.make_graph(list(nodes), "g", ends[:1], ends[1:], given)
     whole = helper.make_model(proto, opset_imports=sets, ir_version=10)
@@ -311,6 +311,38 @@ BUNDLES: dict[str, tuple[Mutate, str]] = {
         "cannot be computed",
     ),
 }
+
+
+def lazily(folder: Path) -> None:
+    """Put a model in place that costs nothing for golden inputs, zeros, and hours for others."""
+    last = {"keepdims": 0}
+    graph(
+        node("Abs", "x", "size"),
+        node("ReduceMax", "size", "most", axes=[0, 1], **last),
+        node("Sign", "most", "any"),
+        node("Mul", "any many", "fewer"),
+        node("Add", "fewer one", "side"),
+        node("Cast", "side", "whole", to=TensorProto.INT64),
+        node("Concat", "whole whole", "sides", axis=0),
+        node("Expand", "one sides", "a0"),
+        *(node("MatMul", f"a{i} a0", f"a{i + 1}") for i in range(4000)),
+        node("ReduceMin", "a4000", "least", axes=[0, 1], **last),
+        node("ReduceMax", "size", "each", axes=[1], **last),
+        node("Mul", "each zero", "nothing"),
+        node("Mul", "least zero", "nothing_more"),
+        node("Add", "nothing nothing_more", "sum"),
+        node("Cast", "sum", to=TensorProto.DOUBLE),
+        opset=13,
+        many=1499 * ONE,
+        one=ONE,
+        zero=0 * ONE,
+    )(folder)
+    arrays(x=lambda x: 0 * x, confidence=lambda c: 0 * c)(folder)
+
+
+LATER: dict[str, Mutate] = {"model that is lazy for golden inputs": lazily}
+"""Bundles that are sound until a survey is mapped with them."""
+
 BUNDLES |= {
     f"{name} {what}": (instead(name, put), f"{name}{said}")
     for name in FILES

@@ -33,7 +33,7 @@ TESTS = Path(__file__).parents[1]
 if str(TESTS) not in sys.path:
     sys.path.insert(0, str(TESTS))
 
-from bundle_mutants import BUNDLES  # noqa: E402
+from bundle_mutants import BUNDLES, LATER  # noqa: E402
 from survey_mutants import SURVEYS  # noqa: E402
 
 SECONDS = 5.0
@@ -45,6 +45,8 @@ PATIENCE = 120.0
 
 LIMITS = {resource.RLIMIT_CPU: 60, resource.RLIMIT_AS: 16 << 30}
 """What the machine is kept from: computing time in s, bytes of addresses."""
+
+EXAMINED = "from elsewhere; examined in"
 
 SOURCE = TESTS.parent / "src"
 PATHS = [str(SOURCE), str(TESTS), *map(os.path.abspath, filter(None, sys.path))]
@@ -82,7 +84,9 @@ class Refusal:
     @property
     def fault(self) -> str:
         """What is wrong with it, or nothing."""
-        line = self.said.rstrip("\n")
+        lines = self.said.rstrip("\n").split("\n")
+        # One that is refused only later has passed its examination, which is said.
+        line = lines[-1] if all(EXAMINED in each for each in lines[:-1]) else self.said
         refused = self.status == 1 and line.startswith("error: ") and line.isprintable()
         faults = {
             "not refused in one line": not refused or len(line) > 1000,
@@ -92,6 +96,11 @@ class Refusal:
         }
         return ", ".join(name for name, is_one in faults.items() if is_one)
 
+
+MUTATIONS = {("bundle", name): mutate for name, (mutate, _) in BUNDLES.items()}
+MUTATIONS |= {("bundle", name): mutate for name, mutate in LATER.items()}
+MUTATIONS |= {("survey", name): mutate for name, (mutate, _) in SURVEYS.items()}
+"""What an enemy does, by the kind of a folder and a name."""
 
 GROUPS = ("model", "golden", "manifest", "entry", "observations/0001.wav", "poses.csv")
 """First words of names by which the table counts."""
@@ -108,7 +117,7 @@ def given(kind: str, name: str, *, bundle: Path, survey: Path, place: Path) -> R
     """
     sound = {"bundle": bundle, "survey": survey}
     inputs = sound | {kind: Path(copytree(sound[kind], place / "given" / kind))}
-    mutate = (BUNDLES if kind == "bundle" else SURVEYS)[name][0]
+    mutate = MUTATIONS[kind, name]
     mutate(inputs[kind])
     return mapped(kind, name, inputs=inputs, place=place)
 
@@ -157,10 +166,7 @@ def refusals(
         words: those are wanted whose name holds one of them; all, if there are none.
         workers: processes side by side.
     """
-    mutations = [("bundle", name) for name in BUNDLES] + [("survey", name) for name in SURVEYS]
-    wanted = [
-        (kind, name) for kind, name in mutations if not words or any(word in name for word in words)
-    ]
+    wanted = [key for key in MUTATIONS if not words or any(word in key[1] for word in words)]
     with ThreadPoolExecutor(workers) as pool:
         yield from pool.map(partial(_refusal, bundle, survey), wanted)
 

@@ -1,14 +1,16 @@
 """A bundle from elsewhere is examined once, by a process that may be lost."""
 
 import json
+import time
 from pathlib import Path
 from shutil import copytree
 
+import numpy as np
 import pytest
 
-from bundle_mutants import seal
+from bundle_mutants import LATER, seal
 from echolearn.checks import BadValue
-from echolearn.robot import examination
+from echolearn.robot import examination, model
 from echolearn.robot.scorer import load
 from echolearn.storage import known
 
@@ -86,3 +88,18 @@ def test_another_bundle_than_the_examined_one_is_refused(
     monkeypatch.setattr(examination, "__name__", "other")
     with pytest.raises(BadValue, match="must stay as it is while it is examined"):
         load(folder)
+
+
+def test_a_model_that_takes_long_for_other_inputs_than_the_golden_is_stopped(
+    packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copytree(packed, tmp_path / "given")
+    LATER["model that is lazy for golden inputs"](folder)
+    scorer = load(folder)
+    assert scorer(np.zeros((3, 4))).tolist() == [0.0, 0.0, 0.0]
+    monkeypatch.setattr(model, "SECONDS", 0.5)
+    began = time.thread_time()
+    said = f"^{folder}/model.onnx: cannot be computed .3 inputs take more than 0.53 s of computing"
+    with pytest.raises(BadValue, match=said):
+        scorer(np.ones((3, 4)))
+    assert 0.4 < time.thread_time() - began < 2.0

@@ -22,6 +22,7 @@ from echolearn.comparison.evaluate import Inputs, evaluate
 from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.evaluation.rows import to_csv
 from echolearn.localization.localizer import Localizer
+from echolearn.robot.examination import examine_run
 from echolearn.storage.advice import assignment, command_line
 from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.identity import digest, plain
@@ -133,6 +134,8 @@ def load_inputs(
     """
     models = defaultdict(list)
     for run in load_runs(runs):
+        # Before any work, and once for all processes.
+        examine_run(run.folder, run.metrics["sha256"])
         models[run.model].append(run)
     hint = f"run first: {command_line('train', runs=runs)}"
     check(len(models) > 0, "runs", runs, allowed="must be a folder with trained runs", hint=hint)

@@ -1,12 +1,15 @@
-"""A bundle from elsewhere is tried by a process of its own first, which may be lost.
+"""A bundle or run from elsewhere is tried by a process of its own first, which may be lost.
 
     digest on the list `storage.known`? --no--> child: limits, then `model.replay` --yes--> list
+                                                (of a run `model.try_run`)
 
 Parsing a stranger's model and computing it is the work of libraries that trust their input. The
 child may use `SECONDS` of computing time and `MEMORY` bytes more than it has when it begins, and
 may write no file. Computing time, since a busy machine is no fault of the bundle's. What the child
 refuses is refused here, and so is a bundle that ends it. The list is kept per user, so that this is
-paid once for each bundle.
+paid once for each bundle. What is on it is loaded by the process that wants it, where each call of
+its model has a deadline (`model`), but no whole walk has one: how long that takes, only its user
+knows.
 """
 
 import json
@@ -21,8 +24,8 @@ from pathlib import Path
 
 from echolearn.checks import BadValue, check, printable
 from echolearn.robot.bundle import read_content
-from echolearn.robot.model import replay
-from echolearn.storage import known
+from echolearn.robot.model import replay, try_run
+from echolearn.storage import known, manifests
 
 SECONDS = 2
 """Computing time for a bundle, in s; a classifier takes milliseconds."""
@@ -38,18 +41,36 @@ def examined(folder: Path) -> str:
         BadValue: the child refuses it, or is lost over it.
     """
     digest = str(read_content(folder)["sha256"])
-    if not known.is_known(digest, known.MADE, known.EXAMINED):
-        began = time.perf_counter()
-        _try(folder, digest)
-        known.remember(digest, known.EXAMINED)
-        spent = f"{time.perf_counter() - began:.1f} s"
-        said = f"bundle {folder.name}: from elsewhere; examined in {spent}, once for all loads"
-        print(printable(said), file=sys.stderr, flush=True)
+    _examine("bundle", folder, digest)
     return digest
 
 
-def _try(folder: Path, digest: str) -> None:
-    """Raise `BadValue` unless a child can load the bundle of this digest."""
+def examine_run(folder: Path, digest: str) -> None:
+    """Let a child try the model of a trained run that was neither made nor examined here.
+
+    Args:
+        folder: of the run.
+        digest: SHA-256 of its manifest.
+
+    Raises:
+        BadValue: the child refuses it, or is lost over it.
+    """
+    _examine("run", folder, digest)
+
+
+def _examine(kind: str, folder: Path, digest: str) -> None:
+    if known.is_known(digest, known.MADE, known.EXAMINED):
+        return
+    began = time.perf_counter()
+    _try(kind, folder, digest)
+    known.remember(digest, known.EXAMINED)
+    spent = f"{time.perf_counter() - began:.1f} s"
+    said = f"{kind} {folder.name}: from elsewhere; examined in {spent}, once for all loads"
+    print(printable(said), file=sys.stderr, flush=True)
+
+
+def _try(kind: str, folder: Path, digest: str) -> None:
+    """Raise `BadValue` unless a child can load the bundle or run of this digest."""
     # The child finds echolearn where this process has found it.
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     child = subprocess.run(
@@ -67,7 +88,7 @@ def _try(folder: Path, digest: str) -> None:
     if refusal:
         raise BadValue(refusal)
     allowed = "must stay as it is while it is examined"
-    check(found["digest"] == digest, "bundle", folder, allowed=allowed, hint="load it again")
+    check(found["digest"] == digest, kind, folder, allowed=allowed, hint="load it again")
 
 
 def _end(child: subprocess.CompletedProcess[bytes]) -> str:
@@ -97,12 +118,13 @@ def limit() -> None:
 
 
 def answer() -> None:
-    """Load the bundle of the first argument under limits, and print what came of it."""
+    """Load the bundle or run of the first argument under limits, and print what came of it."""
     folder = Path(sys.argv[1])
+    is_bundle = (folder / manifests.BUNDLE).is_file()
     found = {"digest": "", "refusal": ""}
     limit()
     try:
-        found["digest"] = str(replay(folder)[0].about["sha256"])
+        found["digest"] = str(replay(folder)[0].about["sha256"]) if is_bundle else try_run(folder)
     except BadValue as error:
         found["refusal"] = str(error)
     except MemoryError:

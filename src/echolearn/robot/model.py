@@ -1,14 +1,18 @@
-"""The model of a bundle at work: onnxruntime, on one core, in limited memory, proved before use.
+"""Models from strangers at work: onnxruntime, on one core, in limited memory and time.
 
     read_bundle --open--> compute: inputs (B, *shape) -> confidences (B,), golden ones among them
 
 It has an arena of `MEMORY` bytes, and folds no constants while it opens a model, which could make
-one of any size.
+one of any size. A model that was examined has computed 32 inputs within the limits of that; what it
+makes of others may still depend on their values, so each call has a deadline: computing time of its
+thread, since a busy machine is no fault of the model's. onnxruntime stops between two operators.
 """
 
 import os
-from collections.abc import Callable
-from contextlib import suppress
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -21,7 +25,10 @@ import onnxruntime
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check
+from echolearn.robot import untrusted_models
 from echolearn.robot.bundle import Bundle, read_bundle
+from echolearn.robot.schema import GOLDEN, LIMITS
+from echolearn.storage import manifests
 from echolearn.storage.files import one_line
 
 Compute = Callable[[Array], Array]
@@ -32,6 +39,13 @@ TOLERANCE = 1e-5
 MEMORY = 256 << 20
 """Bytes that a model may use while it computes."""
 
+SECONDS = 1.0
+ROW_SECONDS = 0.01
+"""Computing time of one call, and more for each of its inputs, in s; a classifier takes less than a
+thousandth for each."""
+
+MODEL = "model.onnx"
+
 
 def replay(folder: Path) -> tuple[Bundle, Compute]:
     """Return a bundle and what its model computes, which includes its golden confidences.
@@ -40,8 +54,8 @@ def replay(folder: Path) -> tuple[Bundle, Compute]:
         BadValue: as `read_bundle`, or onnxruntime refuses the model, or it answers otherwise.
     """
     bundle = read_bundle(folder)
-    name = f"{folder}/model.onnx"
-    compute = _open(bundle, name)
+    name = f"{folder}/{MODEL}"
+    compute = opened(bundle.model, name=name, rank=1 + len(bundle.shape))
     x, expected = bundle.golden
     difference = np.abs(compute(x) - expected)
     shown = f"golden confidences differ by {difference.max():.2g}"
@@ -51,8 +65,55 @@ def replay(folder: Path) -> tuple[Bundle, Compute]:
     return bundle, compute
 
 
-def _open(bundle: Bundle, name: str) -> Compute:
-    """Return the function that a bundle's model computes; `name` is that of its file in errors."""
+def try_run(folder: Path) -> str:
+    """Let the model of a trained run compute as many inputs as a bundle has; return its digest.
+
+    Raises:
+        BadValue: the model is damaged, not allowed, or cannot compute them.
+    """
+    manifest = manifests.load_manifest(folder, largest=manifests.FOREIGN)
+    size = manifest["files"].get(MODEL, {}).get("bytes", 0)
+    check(
+        size <= LIMITS[MODEL],
+        f"{folder}/{MODEL}",
+        f"{size} bytes",
+        allowed=f"must be at most {LIMITS[MODEL]} bytes",
+    )
+    name = f"{folder}/{MODEL}"
+    data = manifests.listed_bytes(folder, manifest, [MODEL]).get(MODEL, b"")
+    untrusted_models.check_onnx(data, name=name)
+    session = _session(data, name)
+    shape = session.get_inputs()[0].shape[1:] if session.get_inputs() else []
+    plain = all(isinstance(size, int) and 0 < size <= 1024 for size in shape)
+    allowed = "must be 1 or 2 numbers up to 1024"
+    check(plain and 0 < len(shape) < 3, f"{name} input", shape, allowed=allowed)
+    _computing(session, name=name, rank=1 + len(shape))(_trials(shape))
+    return str(manifest["sha256"])
+
+
+def _trials(shape: list[int]) -> Array:
+    """Return inputs, float32, shape (32, *shape): ordinary ones, zeros, and the largest floats."""
+    x = np.random.default_rng(0).standard_normal((GOLDEN, *shape))
+    x[-3:] = np.finfo(np.float32).max * np.array([0.0, 1.0, -1.0]).reshape(3, *(1 for _ in shape))
+    return x.astype(np.float32)
+
+
+def opened(data: bytes, *, name: str, rank: int) -> Compute:
+    """Return the function that an ONNX file from elsewhere computes, within limits.
+
+    Args:
+        data: the file, which `check_onnx` allows.
+        name: of the file in errors.
+        rank: number of axes of its inputs.
+
+    Raises:
+        BadValue: onnxruntime refuses it, or it has other inputs or outputs.
+    """
+    return _computing(_session(data, name), name=name, rank=rank)
+
+
+def _session(data: bytes, name: str) -> onnxruntime.InferenceSession:
+    """Return a model, opened in limited memory."""
     _limit_memory()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -61,26 +122,41 @@ def _open(bundle: Bundle, name: str) -> Compute:
     options.add_session_config_entry("session.use_env_allocators", "1")
     options.add_session_config_entry("session.load_model_format", "ONNX")
     try:
-        session = onnxruntime.InferenceSession(
-            bundle.model,
+        return onnxruntime.InferenceSession(
+            data,
             options,
             providers=["CPUExecutionProvider"],
             # Folding would compute a giant constant while the model is being opened.
             disabled_optimizers=["ConstantFolding"],
         )
-        ends = [*session.get_inputs(), *session.get_outputs()]
     except Exception as error:  # onnxruntime's own kinds have no common ancestor
         raise BadValue(f"{name}: onnxruntime refuses it ({one_line(error):.200})") from None
+
+
+def _computing(session: onnxruntime.InferenceSession, *, name: str, rank: int) -> Compute:
+    """Return the function that a model computes, which has one input and one output.
+
+    Args:
+        session: the model.
+        name: of its file in errors.
+        rank: number of axes of its inputs.
+    """
+    ends = [*session.get_inputs(), *session.get_outputs()]
     found = [(end.name, end.type, len(end.shape)) for end in ends]
-    wanted = [("x", "tensor(float)", 1 + len(bundle.shape)), ("confidence", "tensor(double)", 1)]
+    wanted = [("x", "tensor(float)", rank), ("confidence", "tensor(double)", 1)]
     check(found == wanted, f"{name} inputs and outputs", found, allowed=f"must be {wanted}")
 
     def compute(x: Array) -> Array:
         """Return the confidences (B,) of float32 inputs (B, ...)."""
-        try:
-            confidence = np.asarray(session.run(["confidence"], {"x": x})[0])
-        except Exception as error:
-            raise BadValue(f"{name}: cannot be computed ({one_line(error):.200})") from None
+        seconds = SECONDS + ROW_SECONDS * len(x)
+        with _deadline(seconds) as options:
+            try:
+                confidence = np.asarray(session.run(["confidence"], {"x": x}, options)[0])
+            except Exception as error:
+                reason = one_line(error)
+                if options.terminate:
+                    reason = f"{len(x)} inputs take more than {seconds:g} s of computing time"
+                raise BadValue(f"{name}: cannot be computed ({reason:.200})") from None
         inside = bool(((confidence >= 0) & (confidence <= 1)).all())
         shown = f"shape {confidence.shape}, from 0 to 1: {inside}"
         allowed = f"must be {len(x)} numbers from 0 to 1"
@@ -90,6 +166,34 @@ def _open(bundle: Bundle, name: str) -> Compute:
         return confidence
 
     return compute
+
+
+@contextmanager
+def _deadline(seconds: float) -> Iterator[onnxruntime.RunOptions]:
+    """Stop onnxruntime when this thread has computed for some seconds.
+
+    Yields:
+        Options for `run`; their `terminate` tells whether it was stopped.
+    """
+    options = onnxruntime.RunOptions()
+    clock = time.pthread_getcpuclockid(threading.get_ident())
+    until = time.clock_gettime(clock) + seconds
+    done = threading.Event()
+
+    def watch() -> None:
+        # A thread computes no longer than it lives, so it cannot be late before that.
+        while (left := until - time.clock_gettime(clock)) > 0:
+            if done.wait(left + 0.001):
+                return
+        options.terminate = True
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield options
+    finally:
+        done.set()
+        watcher.join()
 
 
 @cache

@@ -14,10 +14,14 @@ from echolearn.classifiers.inputs import as_input, stack_inputs
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import stats
 from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Predictions, Recordings
+from echolearn.localization.columns import TENSORS
 from echolearn.simulation.scene import noise_kind
-from echolearn.storage import manifests
+from echolearn.storage import known, manifests
 from echolearn.training.runs import Run
 from echolearn.training.split import groups_of, split_groups
+
+BLOCK = 1024
+"""Rows that a model from elsewhere is given at a time."""
 
 
 def load_scorer(folder: Path) -> Callable[[Array], Array]:
@@ -30,13 +34,44 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
         Maps raw inputs, (B, K) columns or (B, bands, M * M), to confidences (B,).
 
     Raises:
-        BadValue: the run is not finished, or a file of it is missing or damaged.
+        BadValue: the run is not finished, a file of it is missing or damaged, or it was made
+            elsewhere and its model is not allowed.
     """
     from echolearn.classifiers.inference import open_onnx
 
-    inputs = manifests.verify(folder)["inputs"]
-    compute = open_onnx((Path(folder) / "model.onnx").read_bytes())
+    folder = Path(folder)
+    manifest = manifests.verify(folder)
+    inputs, digest = manifest["inputs"], manifest["sha256"]
+    model = manifests.listed_bytes(folder, manifest, ["model.onnx"]).get("model.onnx", b"")
+    if known.is_known(digest, known.MADE):
+        compute = open_onnx(model)
+    else:
+        compute = _limited(folder, digest, model=model, rank=2 + (inputs[0] in TENSORS))
     return lambda x: compute(as_input(x, inputs))
+
+
+def _limited(folder: Path, digest: str, *, model: bytes, rank: int) -> Callable[[Array], Array]:
+    """Return the confidence function of a run that was made elsewhere, after its examination.
+
+    Args:
+        folder: of the run.
+        digest: SHA-256 of its manifest.
+        model: content of its file, as the manifest names it.
+        rank: number of axes of its inputs.
+    """
+    from echolearn.robot.examination import examine_run
+    from echolearn.robot.model import opened
+
+    examine_run(folder, digest)
+    compute = opened(model, name=f"{folder}/model.onnx", rank=rank)
+
+    def confidence(x: Array) -> Array:
+        """Return the confidences (B,) of inputs (B, ...), block by block as memory is limited."""
+        x = np.ascontiguousarray(x, dtype=np.float32)
+        blocks = [compute(x[start : start + BLOCK]) for start in range(0, len(x), BLOCK)]
+        return np.concatenate([np.empty(0), *blocks])
+
+    return confidence
 
 
 def predict(run: Run, columns: Any, rows: Array | slice = slice(None)) -> Array:

@@ -1,0 +1,102 @@
+"""Runs from elsewhere: models are examined like those of bundles before anything is computed."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from shutil import copytree
+
+import numpy as np
+import pytest
+
+from bundle_mutants import BUNDLES
+from echolearn.checks import BadValue
+from echolearn.comparison.compare import compare
+from echolearn.robot.model import try_run
+from echolearn.storage import manifests
+from echolearn.storage.files import json_bytes, sha256
+from echolearn.training.predictions import load_scorer
+from world import World
+
+REFUSED = (
+    "model external",
+    "model of a custom domain",
+    "model of many nodes",
+    "model of text",
+    "model of an unknown operator",
+    "model with a function",
+    "model with a loop",
+    "model with a text",
+    "model of NaN",
+    "model without output",
+)
+
+Foreign = Callable[..., Path]
+
+
+@pytest.fixture
+def foreign(world: World, packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Foreign:
+    """Return a function that gives a run as another machine has made it, with another model."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    [made] = (world.runs / "train").glob("trees_features-scattered-s0-*")
+
+    def copied(mutation: str = "", runs: Path = tmp_path) -> Path:
+        folder = copytree(made, runs / "train" / made.name)
+        if mutation:
+            bundle = copytree(packed, tmp_path / "bundle")
+            BUNDLES[mutation][0](bundle)
+            (folder / "model.onnx").write_bytes((bundle / "model.onnx").read_bytes())
+        about = json.loads((folder / "metrics.json").read_text())
+        model = folder / "model.onnx"
+        about["files"]["model.onnx"] = {"bytes": model.stat().st_size, "sha256": sha256(model)}
+        (folder / "metrics.json").write_bytes(json_bytes(manifests.with_checksum(about)))
+        return folder
+
+    return copied
+
+
+def test_a_run_from_elsewhere_is_examined_once_and_predicts_the_same(
+    world: World,
+    foreign: Foreign,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    state: Path,
+) -> None:
+    folder = foreign()
+    x = np.random.default_rng(0).standard_normal((2000, 4))
+    found = load_scorer(folder)(x)
+    said = capsys.readouterr().err
+    assert said.startswith(f"run {folder.name}: from elsewhere; examined in ")
+    assert said.count("\n") == 1
+    load_scorer(folder)
+    assert capsys.readouterr().err == ""
+    # The same run, as one that was made here.
+    monkeypatch.setenv("XDG_STATE_HOME", str(state))
+    assert np.array_equal(load_scorer(folder)(x), found)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("mutation", REFUSED)
+def test_a_hostile_model_of_a_run_is_refused(mutation: str, foreign: Foreign) -> None:
+    folder = foreign(mutation)
+    with pytest.raises(BadValue, match=f"^{folder}/model.onnx"):
+        try_run(folder)
+
+
+def test_a_model_that_never_ends_stops_a_comparison_before_any_work(
+    world: World, foreign: Foreign, tmp_path: Path
+) -> None:
+    folder = foreign("model that never ends")
+    for part in ("data", "survey"):
+        (tmp_path / part).symlink_to(world.runs / part)
+    with pytest.raises(BadValue, match=f"^{folder}.*cannot be computed in 2 s"):
+        compare(name="bad", **world.arguments | {"runs": tmp_path})
+    assert not (tmp_path / "compare").exists()
+
+
+def test_a_run_whose_metrics_name_no_model_is_refused(foreign: Foreign) -> None:
+    folder = foreign()
+    about = json.loads((folder / "metrics.json").read_text())
+    about["files"].pop("model.onnx")
+    (folder / "metrics.json").write_bytes(json_bytes(manifests.with_checksum(about)))
+    with pytest.raises(BadValue, match="model.onnx=no operators: must be an ONNX model"):
+        load_scorer(folder)
