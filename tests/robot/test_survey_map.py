@@ -218,10 +218,12 @@ def with_direct(walk: Path, gain: float, *, pcm: bool) -> Array:
 def test_a_direct_path_that_is_present_is_removed(made: Make, walk: Path, tmp_path: Path) -> None:
     removed = points(made(runs=tmp_path / "removed"))
     with_direct(walk, 0.02, pcm=True)
-    present = points(made())
-    same = np.linalg.norm(removed[:, :2] - present[:, :2], axis=1) < 0.02
-    assert same[on_walls(removed, outline(HALL))].mean() > 0.95
-    assert np.abs(removed[:, 2] - present[:, 2])[same].mean() < 0.03
+    for way, least in (("fitted", 0.95), ("fir", 0.85)):
+        # What is fitted to a recording is fitted to its noise, too: one echo or two may change.
+        present = points(made(direct=way, runs=tmp_path / way))
+        same = np.linalg.norm(removed[:, :2] - present[:, :2], axis=1) < 0.02
+        assert same[on_walls(removed, outline(HALL))].mean() > least
+        assert np.abs(removed[:, 2] - present[:, 2])[same].mean() < 0.03
 
 
 def test_the_way_to_remove_the_direct_path_is_chosen(
@@ -232,21 +234,21 @@ def test_the_way_to_remove_the_direct_path_is_chosen(
     with pytest.raises(BadValue, match="direct=fitted: must be null; .* has direct_path: removed"):
         made(direct="fitted")
     direct = with_direct(walk, 0.5, pcm=False)
-    with pytest.raises(BadValue, match="direct=calibration: must be fitted or analytic; .* has no"):
+    with pytest.raises(BadValue, match="direct=calibration: must be fir, fitted or .* has no"):
         made(direct="calibration")
-    with pytest.raises(BadValue, match="direct=by hand: must be one of calibration, fitted"):
+    with pytest.raises(BadValue, match="direct=by hand: must be one of calibration, fir, fitted"):
         made(direct="by hand")
-    fitted = points(made(runs=tmp_path / "0"))
+    default = points(made(runs=tmp_path / "0"))
     (walk / "calibration.wav").write_bytes(audio.wav_bytes(direct, 22050.0))
     first = points(made())
-    chosen = {way: points(made(direct=way)) for way in ("calibration", "analytic", "fitted")}
+    chosen = {way: points(made(direct=way)) for way in ("calibration", "analytic", "fitted", "fir")}
     assert np.array_equal(first, chosen["calibration"])
-    assert np.array_equal(fitted, chosen["fitted"])
+    assert np.array_equal(default, chosen["fir"])
 
     def true(places: Array) -> float:
         return float(on_walls(places, outline(HALL)).mean())
 
-    assert min(true(first), true(fitted)) > true(removed) - 0.05
+    assert min(true(first), true(chosen["fitted"]), true(default)) > true(removed) - 0.05
     assert true(chosen["analytic"]) < true(first) / 2
 
 

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ def localize_survey(
     Raises:
         BadValue: the survey has no outline to be evaluated against.
     """
-    survey = reader.read_survey(folder)
+    survey = replace(reader.read_survey(folder), window=localizer.window)
     if survey.walls is None:
         raise BadValue(
             f"{folder}/survey.yaml: it has no walls; without the room's outline no map is evaluated"

@@ -87,7 +87,7 @@ def open_survey(folder: Path, bundle: "Bundle", *, resample: bool, direct: str |
     place = f"{folder}/survey.yaml sample_rate"
     check(given >= rate, place, f"{given:g} Hz", allowed=f"must be at least {rate:g} Hz", hint=hint)
     # Above half the lower rate nothing was recorded, which no filter brings back.
-    walk = replace(walk, rate=rate if resample else None)
+    walk = replace(walk, rate=rate if resample else None, window=bundle.localizer.window)
     try:
         mount_angle(bundle, array=walk.array, probe=walk.emitted)
     except BadValue as error:
@@ -102,4 +102,4 @@ def _check_removal(walk: Survey, direct: str) -> None:
     check(walk.direct is not None, "direct", direct, allowed="must be null", hint=hint)
     recorded = direct != "calibration" or (walk.folder / CALIBRATION).exists()
     hint = f"{walk.folder} has no {CALIBRATION}"
-    check(recorded, "direct", direct, allowed="must be fitted or analytic", hint=hint)
+    check(recorded, "direct", direct, allowed="must be fir, fitted or analytic", hint=hint)

@@ -16,9 +16,9 @@ from scipy import fft
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import check
 
-REMOVALS = ("calibration", "fitted", "analytic")
-"""Ways to remove a direct path: as it was recorded, or as geometry delays it, with a gain that is
-fitted or that of the free field."""
+REMOVALS = ("calibration", "fir", "fitted", "analytic")
+"""Ways to remove a direct path: as it was recorded; as responses fitted to each recording have it
+(`early`); or as geometry delays it, with a gain that is fitted or that of the free field."""
 
 
 def delayed(probe: Probe, array: MicArray, *, speed_of_sound: float) -> Array:

@@ -87,7 +87,7 @@ def read_survey(folder: Path) -> Survey:
         walls=about["walls"],
         conditions=about["conditions"],
         heading_bias_sd=float(about["heading_bias_sd_rad"]),
-        direct=("calibration" if calibrated else "fitted") if present else None,
+        direct=("calibration" if calibrated else "fir") if present else None,
         containers=Containers(probe=stored),
         mapped=about["map"],
         loudspeakers=_carried_to(walked.loudspeakers, walked.poses),

@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from echolearn.acoustics import signals
+from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Probe, Truth
 from echolearn.checks import check
-from echolearn.survey import audio, direct_path
+from echolearn.survey import audio, direct_path, early
 from echolearn.survey.containers import Containers
 from echolearn.survey.mending import Mending, taken_off
 
@@ -59,6 +60,7 @@ class Survey:
             (P, 3), in m; None where it is carried.
         truth: true echoes of each pose, or None where they are not known.
         further: cells of further columns of `poses.csv`, by name, P texts each.
+        window: where echoes will be sought; what `direct="fir"` removes comes before.
     """
 
     folder: Path
@@ -80,6 +82,7 @@ class Survey:
     loudspeakers: Array | None = None
     truth: tuple[Truth, ...] | None = None
     further: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    window: SearchWindow = SearchWindow()
 
     def observe(self, poses: Sequence[int]) -> Observation:
         """Read the recordings of the numbered poses, samples (B, M, N), without the direct path.
@@ -92,8 +95,7 @@ class Survey:
         """
         samples = np.stack([self.mended(pose) for pose in poses])
         if self.direct:
-            gain = self._free_field(poses) if self.direct == "analytic" else None
-            samples = direct_path.remove(samples, self._arrivals(poses), gain=gain)
+            samples = self._without_direct(samples, poses)
         psd, covariance = self.noise_statistics
         return Observation(
             samples=self._resampled(samples),
@@ -115,25 +117,51 @@ class Survey:
             return self.array
         return MicArray(self.array.positions - self.loudspeakers[pose])
 
+    def _without_direct(self, samples: Array, poses: Sequence[int]) -> Array:
+        """Return recordings (B, M, N) of some poses without the direct path."""
+        lost = self._lost(poses)
+        if self.direct == "fir":
+            each = zip(samples, poses, lost.tolist(), strict=True)
+            left = [self._without_early(*recorded) for recorded in each]
+            return np.stack(left)
+        arrived = self._arrivals(poses)
+        if lost.any():
+            # What was lost is not there to be subtracted, nor does it tell the gain.
+            arrived = np.where(np.arange(self.probe.length) >= lost[:, None, None], arrived, 0.0)
+        gain = self._free_field(poses) if self.direct == "analytic" else None
+        return direct_path.remove(samples, arrived, gain=gain)
+
+    def _without_early(self, samples: Array, pose: int, lost: int) -> Array:
+        """Return a recording (M, N), of which so many samples are lost, by `early`."""
+        return early.without_early(samples, self.probe, lags=self.early_lags(pose), lost=lost)
+
+    def early_lags(self, pose: int) -> tuple[int, int]:
+        """Return the lags at which sound arrives before the first possible echo (`early`)."""
+        return early.early_lags(
+            self.probe, self.around(pose), window=self.window, speed_of_sound=self.speed_of_sound
+        )
+
+    def _lost(self, poses: Sequence[int]) -> Array:
+        """Return how many samples of some recordings are missing at their beginning, shape (B,)."""
+        if self.mending is None:
+            return np.zeros(len(poses), dtype=int)
+        late: Array = np.asarray(self.mending.latency)[list(poses)]
+        return np.ceil(np.maximum(-late, 0.0)).astype(int)
+
     def _free_field(self, poses: Sequence[int]) -> Array:
         """Return the gains of the free field at some poses, shape (B, M)."""
         return np.stack([direct_path.free_field(self.around(pose)) for pose in poses])
 
     def _arrivals(self, poses: Sequence[int]) -> Array:
-        """Return the direct path as it is in some recordings, shape (M, N) or (B, M, N)."""
-        arrived = self.arrivals
-        if self.loudspeakers is not None and self.direct != "calibration":
-            speed = self.speed_of_sound
-            each = [
-                direct_path.delayed(self.probe, self.around(pose), speed_of_sound=speed)
-                for pose in poses
-            ]
-            arrived = np.stack(each)
-        if self.mending is None or not (self.mending.latency < 0).any():
-            return arrived
-        # What was lost is not there to be subtracted, nor does it tell the gain.
-        lost = -self.mending.latency[list(poses), None, None]
-        return np.where(np.arange(self.probe.length) >= lost, arrived, 0.0)
+        """Return the direct path as it is at some poses, shape (M, N) or (B, M, N)."""
+        if self.loudspeakers is None or self.direct == "calibration":
+            return self.arrivals
+        speed = self.speed_of_sound
+        each = [
+            direct_path.delayed(self.probe, self.around(pose), speed_of_sound=speed)
+            for pose in poses
+        ]
+        return np.stack(each)
 
     @property
     def used(self) -> Array:

@@ -1,0 +1,253 @@
+"""What is left of echoes when the direct path is removed? `python tests/direct_paths.py [poses] [page]`.
+
+A robot stands beside the walls of a simulated room, with faults that real ones have. Its recordings
+are written as a survey that holds the direct path, examined, mended and read as `map` does, with
+each way to remove the direct path; `exact` is what only a simulation knows. Then `gated` localizes.
+Printed are the share of times within 10 samples of a wall's echo, and the share of echoes whose
+azimuth is right within 10 degrees besides, in %. A page gets the table between its markers.
+"""
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+from scipy import signal
+
+from echolearn.acoustics.geometry import SearchWindow, circular_array, microphone_positions, wrap
+from echolearn.acoustics.rooms import outline, true_echoes
+from echolearn.acoustics.signals import convolve, noise_probe, power
+from echolearn.acoustics.types import Array, Observation, Pose, Room, Truth
+from echolearn.localization.methods.gated import Gated
+from echolearn.simulation.rir.images import Images
+from echolearn.storage.marked_page import Markers, write_between
+from echolearn.survey import early
+from echolearn.survey.audio import wav_bytes
+from echolearn.survey.description import description_bytes
+from echolearn.survey.health import examine, mended
+from echolearn.survey.poses import poses_csv
+from echolearn.survey.reader import read_survey
+from echolearn.survey.survey import Survey
+
+RATE = 22050.0
+SNRS_DB = (40, 10, 0, -5, -10)
+ROOM = Room((8.0, 6.0, 5.0), 0.25)
+ARRAY = circular_array()
+PROBE = noise_probe(length=8000)
+LOCALIZER = Gated()
+WAYS = ("exact", "analytic", "fitted", "fir", "all lags", "joint")
+MARKERS = Markers(
+    "<!-- direct paths: written by `python tests/direct_paths.py` -->",
+    "<!-- end of direct paths -->",
+    "page",
+)
+
+Change = Callable[[Array], Array]
+
+
+class Case(NamedTuple):
+    """Recordings of one kind without noise.
+
+    Attributes:
+        received: with the direct path, shape (P, M, N).
+        direct: the direct path and the robot's own body, the same shape or (M, N).
+        truths: echoes of each pose.
+        poses: where they were recorded.
+    """
+
+    received: Array
+    direct: Array
+    truths: list[Truth]
+    poses: list[Pose]
+
+
+def places(count: int, rng: np.random.Generator) -> list[Pose]:
+    """Return poses with a wall 1 to 2 m away, and none nearer than 0.8 m."""
+    poses: list[Pose] = []
+    while len(poses) < count:
+        x, y = rng.uniform(0.8, [7.2, 5.2])
+        away = np.array([x, y, 8.0 - x, 6.0 - y])
+        if ((away > 1.05) & (away < 1.95)).any():
+            poses.append(Pose(np.array([x, y, 2.5]), rng.uniform(-np.pi, np.pi)))
+    return poses
+
+
+def loudspeaker(responses: Array) -> Array:
+    """Let a loudspeaker of 250 to 7000 Hz play, which is some samples late."""
+    low, high = signal.butter(2, [250.0, 7000.0], "bandpass", fs=RATE)
+    late = np.pad(responses, [(0, 0)] * (responses.ndim - 1) + [(3, 0)])
+    return np.asarray(signal.lfilter(low, high, late))
+
+
+def microphones(responses: Array) -> Array:
+    """Let microphones differ by 1.5 dB, standard deviation, each with a short response."""
+    rng = np.random.default_rng(11)
+    own = 0.15 * rng.standard_normal((6, 10)) * np.exp(-np.arange(10) / 3)
+    own[:, 0] = 1.0
+    own *= 10 ** (1.5 * rng.standard_normal((6, 1)) / 20)
+    return convolve_each(responses, own)
+
+
+def convolve_each(responses: Array, own: Array) -> Array:
+    """Return responses (..., M, K), each through that of its microphone, (M, J)."""
+    length = responses.shape[-1] + own.shape[-1] - 1
+    return np.asarray(np.fft.irfft(np.fft.rfft(responses, length) * np.fft.rfft(own, length), length))
+
+
+def body(responses: Array) -> Array:
+    """Let the robot's own body, 0.3 m from the loudspeaker, send back half of what it gets."""
+    place = np.array([0.25, 0.12, -0.1])
+    way = np.linalg.norm(place) + np.linalg.norm(ARRAY.positions - place, axis=1)
+    lags = np.arange(responses.shape[-1]) - way[:, None] * RATE / 343.0
+    return responses + 0.5 / (4 * np.pi * way[:, None]) * np.sinc(lags)
+
+
+def latency(responses: Array) -> Array:
+    """Let the interface be 7.3 samples late."""
+    size = 2 * responses.shape[-1]
+    phase = np.exp(-2j * np.pi * 7.3 * np.fft.rfftfreq(size))
+    return np.asarray(np.fft.irfft(np.fft.rfft(responses, size) * phase, size))
+
+
+CASES: dict[str, tuple[Change, ...]] = {
+    "clean": (),
+    "latency": (latency,),
+    "body": (body,),
+    "microphones": (microphones,),
+    "loudspeaker": (loudspeaker,),
+    "all of these": (body, microphones, loudspeaker, latency),
+}
+
+
+def case(changes: tuple[Change, ...], poses: list[Pose]) -> Case:
+    """Return what is recorded at poses without noise, changed step by step."""
+    images = Images()
+    about = {"sample_rate": RATE, "speed_of_sound": 343.0}
+    open_air = Room((40.0, 40.0, 40.0), 1.2, walls=(0.0,) * 6)
+    middle = Pose(np.full(3, 20.0))
+    responses = [images(ROOM, p.position, microphone_positions(ARRAY, p), **about) for p in poses]
+    alone = images(open_air, middle.position, microphone_positions(ARRAY, middle), **about)
+    both = [np.array(responses), alone]
+    for change in changes:
+        both = [change(each) for each in both]
+    received, direct = (convolve(PROBE.samples, each, length=PROBE.length) for each in both)
+    return Case(received, direct, [true_echoes(ROOM, pose, array=ARRAY) for pose in poses], poses)
+
+
+def write(folder: Path, samples: Array, poses: list[Pose]) -> Survey:
+    """Write recordings (P, M, N) as a survey that holds the direct path."""
+    (folder / "observations").mkdir(parents=True)
+    about = description_bytes(
+        ARRAY, PROBE, speed_of_sound=343.0, walls=outline(ROOM), conditions={}
+    )
+    (folder / "survey.yaml").write_bytes(about.replace(b"path: removed", b"path: present"))
+    burst = np.pad(PROBE.samples, (0, PROBE.length - len(PROBE.samples)))
+    (folder / "probe.wav").write_bytes(wav_bytes(burst, RATE))
+    names = [f"observations/{number}.wav" for number in range(len(poses))]
+    (folder / "poses.csv").write_bytes(poses_csv(poses, names))
+    for name, each in zip(names, samples, strict=True):
+        (folder / name).write_bytes(wav_bytes(each, RATE))
+    survey = read_survey(folder)
+    return mended(survey, examine(survey))
+
+
+def all_lags(samples: Array, lags: tuple[int, int], *, joint: bool) -> Array:
+    """Return recordings without their copies of the burst at early lags, all of them fitted.
+
+    Args:
+        samples: shape (P, M, N).
+        lags: as `early_lags` has them.
+        joint: fit those up to the end of the search window as well, and leave them in.
+    """
+    first, last = lags
+    end = SearchWindow().lags(ARRAY, RATE)[1] + 20 if joint else last
+    responses = early.early_responses(samples, PROBE, lags=(first, end), penalty=0.0)
+    left = samples.copy()
+    copies = convolve(
+        PROBE.samples, responses[..., : last - first], length=samples.shape[-1] - first
+    )
+    left[..., first:] -= copies
+    return left
+
+
+def without_direct(survey: Survey, way: str) -> Observation:
+    """Return all recordings of a mended survey, the direct path removed in one way."""
+    every = range(len(survey.poses))
+    if way in ("fir", "fitted", "analytic"):
+        return replace(survey, direct=way).observe(every)
+    samples = np.stack([survey.mended(pose) for pose in every])
+    left = all_lags(samples, survey.early_lags, joint=way == "joint")
+    return Observation(left, PROBE, ARRAY)
+
+
+def right(observation: Observation, truths: list[Truth]) -> Array:
+    """Return whether time, and time and azimuth, are those of a wall, shape (2, P), bool."""
+    echoes = LOCALIZER(observation)
+    found = []
+    for toa, azimuth, elevation, truth in zip(
+        echoes.toa[:, 0], echoes.azimuth[:, 0], echoes.elevation[:, 0], truths, strict=True
+    ):
+        near = np.abs(truth.toa - toa) * RATE < 10
+        toward = np.abs(wrap(truth.azimuth - azimuth)) < np.deg2rad(10)
+        # Floor and ceiling are no walls, and have no azimuth.
+        walls = np.abs(truth.elevation - np.pi / 2) < 0.1
+        found.append([(near & walls).any(), (near & walls & toward).any() and elevation > 1.0])
+    return np.array(found).T
+
+
+def shares(each: Case, folder: Path, *, seed: int = 0) -> dict[str, list[Array]]:
+    """Return by each way the shares (2,) at each SNR."""
+    rng = np.random.default_rng(seed)
+    table: dict[str, list[Array]] = {way: [] for way in WAYS}
+    for snr_db in SNRS_DB:
+        level = np.sqrt(power(each.received) * 10 ** (-snr_db / 10))[..., None]
+        noisy = each.received + level * rng.standard_normal(each.received.shape)
+        survey = write(folder / str(snr_db), noisy, each.poses)
+        for way in WAYS:
+            if way == "exact":
+                exact = replace(survey, direct=None)
+                # The same samples are taken off, late as the recording is.
+                quiet = write_without(folder / f"{snr_db} exact", noisy - each.direct, survey)
+                observation = quiet.observe(range(len(exact.poses)))
+            else:
+                observation = without_direct(survey, way)
+            table[way].append(right(observation, each.truths).mean(axis=1))
+    return table
+
+
+def write_without(folder: Path, samples: Array, survey: Survey) -> Survey:
+    """Write recordings (P, M, N) without the direct path, mended as a survey that holds it."""
+    folder.mkdir()
+    (folder / "observations").mkdir()
+    for name, each in zip(survey.files, samples, strict=True):
+        (folder / name).write_bytes(wav_bytes(each, RATE))
+    return replace(survey, folder=folder, direct=None)
+
+
+def report(count: int, seed: int = 0) -> str:
+    """Return the table of so many poses as Markdown."""
+    head = ["recordings", "removed by", *(f"{snr_db} dB" for snr_db in SNRS_DB)]
+    lines = [f"| {' | '.join(head)} |", "|---|---|" + "---|" * len(SNRS_DB)]
+    poses = places(count, np.random.default_rng(seed))
+    for name, changes in CASES.items():
+        with TemporaryDirectory() as scratch:
+            table = shares(case(changes, poses), Path(scratch), seed=seed)
+        for way, cells in table.items():
+            texts = [f"{100 * times:.0f} / {100 * both:.0f}" for times, both in cells]
+            lines.append(f"| {name} | {way} | {' | '.join(texts)} |")
+    return "\n".join(lines)
+
+
+def main(count: int = 100, page: str | None = None) -> None:
+    """Print the table, or put it into a page."""
+    table = report(count)
+    print(table)
+    if page:
+        write_between(Path(page), f"\n{table}\n\n{count} poses.\n", markers=MARKERS)
+
+
+if __name__ == "__main__":
+    main(*(int(word) if word.isdigit() else word for word in sys.argv[1:]))  # type: ignore[arg-type]
