@@ -1,4 +1,4 @@
-"""What is left of echoes when the direct path is removed? `python tests/direct_paths.py [poses] [page]`.
+"""What is left of echoes without the direct path? `python tests/direct_paths.py [poses] [page]`.
 
 A robot stands beside the walls of a simulated room, with faults that real ones have. Its recordings
 are written as a survey that holds the direct path, examined, mended and read as `map` does, with
@@ -94,7 +94,8 @@ def microphones(responses: Array) -> Array:
 def convolve_each(responses: Array, own: Array) -> Array:
     """Return responses (..., M, K), each through that of its microphone, (M, J)."""
     length = responses.shape[-1] + own.shape[-1] - 1
-    return np.asarray(np.fft.irfft(np.fft.rfft(responses, length) * np.fft.rfft(own, length), length))
+    spectrum = np.fft.rfft(responses, length) * np.fft.rfft(own, length)
+    return np.asarray(np.fft.irfft(spectrum, length))
 
 
 def body(responses: Array) -> Array:

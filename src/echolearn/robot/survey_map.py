@@ -60,7 +60,7 @@ def map_survey(
         resolution: side of a cell of the occupancy grid, in m.
         resample: bring recordings of another sample rate to the bundle's.
         direct: how to remove a direct path that is present, one of `direct_path.REMOVALS`; None
-            takes the first that can be: `calibration` where it was recorded, else `fitted`.
+            takes the first that can be: `calibration` where it was recorded, else `fir`.
         ros: also write a bag for ROS 2.
         without: numbers of microphones that are left out, from 1.
         gains: a factor for each microphone.
