@@ -166,6 +166,8 @@ class Probe:
         allowed = "must be finite numbers, shape (L,)"
         samples = finite_vector("probe.samples", self.samples, allowed=allowed)
         object.__setattr__(self, "samples", samples)
+        hint = "is a file empty, or a level 0?"
+        check(bool(samples.any()), "probe.samples", "silence", allowed="must be a burst", hint=hint)
         check_rate("probe.sample_rate", self.sample_rate)
         object.__setattr__(self, "sample_rate", float(self.sample_rate))
         hint = "the recording must hold the burst"

@@ -61,8 +61,11 @@ def early_lags(
     """
     rate = probe.sample_rate
     direct = np.linalg.norm(array.positions, axis=1) * rate / speed_of_sound
-    # Whichever microphone stands nearest to the wall hears it first.
-    start = math.floor((2 * window.nearest - array.radius) * rate / speed_of_sound)
+    # An echo that reaches microphone 1 within the window reaches others before it.
+    reference = array.positions[0]
+    ahead = np.linalg.norm(array.positions - reference, axis=1).max()
+    nearest = 2 * window.nearest - np.linalg.norm(reference) - ahead
+    start = math.floor(nearest * rate / speed_of_sound + 1e-9)
     first = max(int(direct.min()) - BEFORE, 0)
     inside = bool(direct.max() + BEFORE < probe.length)
     check(
