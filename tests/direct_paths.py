@@ -180,7 +180,7 @@ def without_direct(survey: Survey, way: str) -> Observation:
     if way in ("fir", "fitted", "analytic"):
         return replace(survey, direct=way).observe(every)
     samples = np.stack([survey.mended(pose) for pose in every])
-    left = all_lags(samples, survey.early_lags, joint=way == "joint")
+    left = all_lags(samples, survey.early_lags(0), joint=way == "joint")
     return Observation(left, PROBE, ARRAY)
 
 

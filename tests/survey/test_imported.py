@@ -121,7 +121,7 @@ def test_without_a_protocol_the_response_is_as_it_was_and_its_direct_path_can_be
     tmp_path: Path,
 ) -> None:
     survey = read_survey(imported_points(tmp_path, protocol="none", snr_db=None))
-    assert survey.direct == "fitted" and len(survey.poses) == 1
+    assert survey.direct == "fir" and len(survey.poses) == 1
     assert survey.loudspeakers is not None and survey.truth is not None
     assert np.allclose(survey.loudspeakers, [LOUDSPEAKER])
     whole = survey.recording(0)
