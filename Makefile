@@ -67,13 +67,14 @@ readme: $(READY) ## run everything from nothing, in runs/fresh, and write the ti
 
 RECORDED = experiment=rotor,stretches 'name=$${choice.experiment}_recorded' diffuse=recorded diffuse.source.path=$(RECORDING)
 
-studies: $(READY) ## how well localizers find echoes, against SNR, T60, noise, faults; writes docs/studies.md
+studies: $(READY) ## how well localizers find echoes, against SNR, T60, noise, faults, with other arrays; writes docs/studies.md, docs/arrays.md
 	$(RUN) study -m runs=$(RUNS) workers=$(JOBS) page=docs/studies.md \
 	  -- experiment=paper_snr,paper_t60,rotor,stretches,arms,pings,faults \
 	  -- experiment=attainable room=$(MAPPED) \
 	  -- experiment=attainable room=$(MAPPED) seed=1 'values=[-20]' pings=10 'name=attainable_$${choice.room}_10_pings' \
 	  -- experiment=attainable room=$(MAPPED) seed=2 'values=[-30]' pings=100 'name=attainable_$${choice.room}_100_pings' \
 	  $(if $(RECORDING),-- $(RECORDED))
+	$(RUN) study runs=$(RUNS) workers=$(JOBS) page=docs/arrays.md experiment=arrays
 
 bench: $(READY) ## time everything beside its peers, and write docs/benchmarks.md and docs/scaling.md; best on an idle machine
 	@test ! -e $(RUNS)/compare/paper/manifest.json || $(RUN) export best=$(RUNS)/compare/paper runs=$(RUNS)

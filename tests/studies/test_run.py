@@ -9,8 +9,10 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from echolearn.acoustics.types import MicArray
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
 from echolearn.localization.methods.joint import Joint
@@ -18,6 +20,7 @@ from echolearn.storage import manifests
 from echolearn.storage.identity import plain
 from echolearn.studies import page as pages
 from echolearn.studies.run import run_study
+from reference import RING
 
 PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
 
@@ -179,6 +182,31 @@ def test_a_study_of_one_value_has_shares_instead_of_figures(brief, tmp_path):
     pages.publish(folder, page)
     assert "`gated` 100 [51, 100], `chance` " in page.read_text()
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["single.csv"]
+
+
+def test_arrays_are_a_table_that_says_what_each_cannot_tell_or_that_it_is_refused(
+    small, brief, tmp_path
+):
+    """A line behind its loudspeaker is right on the side that it cannot tell from the other."""
+    line = [[-0.1, y, 0.0] for y in (-0.15, -0.05, 0.05, 0.15)]
+    places = {"ring": RING.positions, "line": line, "mast": [[0.1, 0.0, z] for z in (0.0, 0.1)]}
+    scenes = {
+        name: replace(small.scene, array=MicArray(np.array(each))) for name, each in places.items()
+    }
+    study = replace(brief, vary="array", values=[*places], scenes=scenes, snr_db=20.0)
+    folder = run_study(study, name="arrays", runs=tmp_path / "runs", resamples=20)
+    page = bare_page(tmp_path, "arrays")
+    pages.publish(folder, page)
+    table = [line for line in page.read_text().splitlines() if line.startswith("|")]
+    assert table[0] == "| directions within 5 degrees, in % | gated | chance | |"
+    assert re.match(
+        r"\| `ring` \| 100 \| \d+ \| a level plane: cannot tell up from down \|", table[2]
+    )
+    assert re.match(r"\| `line` \| 100 \| \d+ \| a line: cannot tell one side of it", table[3])
+    assert re.match(r"\| `mast` \| refused \| \d+ \| an upright line: cannot tell azi", table[4])
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["arrays.csv"]
+    with pytest.raises(BadValue, match="^values=cross: must be names of scenes: ring, line, mast"):
+        replace(study, values=["cross"])
 
 
 def test_a_damaged_study_is_not_published(folder, tmp_path):

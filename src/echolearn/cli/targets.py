@@ -98,10 +98,11 @@ def imported(target: object, name: str) -> Callable[..., Any]:
 
 
 def _place(name: str) -> str:
-    """Return which place a dotted name is; localizers have names of their own."""
+    """Return which place a dotted name is; localizers and scenes have names of their own."""
     *before, last = name.split(".")
-    if before[-1:] == ["localizers"]:
-        return "localizer"
+    for many, one in (("localizers", "localizer"), ("scenes", "scene")):
+        if before[-1:] == [many]:
+            return one
     # What a field of noise consists of, and who has measured, share a name.
     return f"diffuse.{last}" if [*before[-1:], last] == ["diffuse", "source"] else last
 

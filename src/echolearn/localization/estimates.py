@@ -39,20 +39,29 @@ def joint_echoes(search: Search, peaks: Sequence[Peak]) -> Echoes:
         rows.append([*peak, np.clip(score, -1.0, 1.0)])
     lag, azimuth, elevation, gain, height, score = _strongest_first(np.stack(rows, axis=-1))
     found = Echoes(matched.toa(lag), score, gain, azimuth, elevation, height**2)
-    return from_upright_walls(matched, found)
+    return from_upright_walls(matched, found, level=on_no_axis(found))
 
 
-def from_upright_walls(matched: MatchedFilter, echoes: Echoes) -> Echoes:
-    """Return echoes found in the level plane with the elevation that upright walls give them.
+def on_no_axis(echoes: Echoes) -> Array:
+    """Tell which echoes come from walls rather than floor or ceiling, shape (B, R), bool."""
+    return (echoes.elevation > 0.0) & (echoes.elevation < np.pi)
+
+
+def from_upright_walls(matched: MatchedFilter, echoes: Echoes, *, level: Array) -> Echoes:
+    """Return echoes with the elevation that upright walls give them.
 
     An array higher or lower than its loudspeaker sees their mirror sources a little below or above.
+
+    Args:
+        matched: recordings.
+        echoes: fields (B, R).
+        level: which were sought in the level plane alone, shape (B, R), bool.
     """
     array = matched.observation.array
     if array.centre[2] == 0.0:
         return echoes
     speed = matched.observation.speed_of_sound
     seen = upright_elevation(echoes.toa, echoes.azimuth, array=array, speed_of_sound=speed)
-    level = echoes.elevation == np.pi / 2
     return replace(echoes, elevation=np.where(level, seen, echoes.elevation))
 
 
@@ -111,7 +120,7 @@ def mpdr_echoes(matched: MatchedFilter, times: Echoes, *, mpdr: Mpdr) -> Echoes:
         elevation=elevation[best],
         power=np.take_along_axis(power, best, axis=-1).astype(float),
     )
-    return from_upright_walls(matched, found)
+    return from_upright_walls(matched, found, level=found.elevation == np.pi / 2)
 
 
 def summits(power: Array, count: int) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 
 from echolearn.acoustics import signals
 from echolearn.acoustics.arrays import tells_up
+from echolearn.acoustics.bistatic import upright_elevation
 from echolearn.acoustics.geometry import SearchWindow, relative_delays
 from echolearn.acoustics.types import Array, Observation
 from echolearn.checks import check, check_whole
@@ -100,10 +101,15 @@ class MatchedFilter:
         """Azimuths and elevations of the steered response, each (A,): the level plane, its axis.
 
         Walls are in the plane of a robot that stands upright, floor and ceiling on its axis: above
-        stands for below, too, where the array cannot tell them apart.
+        stands for below, too, where the array cannot tell them apart. An array higher or lower than
+        its loudspeaker sees the plane tilted, as much as halfway through the window.
         """
         azimuth, elevation = direction_grid(self.azimuths)
-        axis = [0.0, np.pi] if tells_up(self.observation.array) else [0.0]
+        array, speed = self.observation.array, self.observation.speed_of_sound
+        if array.centre[2] != 0.0:
+            halfway = np.full(len(azimuth), self.toa(np.array((self.last - self.first) / 2)))
+            elevation = upright_elevation(halfway, azimuth, array=array, speed_of_sound=speed)
+        axis = [0.0, np.pi] if tells_up(array) else [0.0]
         return np.append(azimuth, np.zeros(len(axis))), np.append(elevation, axis)
 
     @cached_property

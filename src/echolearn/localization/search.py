@@ -38,9 +38,9 @@ FINER_JOINT = 2
 """The same of all microphones, where a crest that one has missed is met at another, and of arrays
 so small that all miss it together."""
 
-SMALL = 6.0
+SMALL = 8.0
 """Samples from the centre of an array to its farthest microphone below which a lag and a direction
-are hardly told apart, 9 cm at 22 050 Hz: the grid is finer, and a climb may leave its cell."""
+are hardly told apart, 12 cm at 22 050 Hz: the grid is finer, and a climb may leave its cell."""
 
 Place = tuple[Array, Array, Array]
 """Lag in samples after the window's first, azimuth and elevation in rad: each (B,)."""

@@ -18,6 +18,7 @@ from echolearn.comparison.figures import (
 )
 from echolearn.comparison.template import template
 from echolearn.evaluation.rows import Row, distinct, pick, to_csv
+from echolearn.studies.study import NAMED
 
 FORMAT = 6
 """Version of the files; part of a study's identity."""
@@ -31,8 +32,9 @@ AXIS = {
     "fault": "fault of the array",
     "pings": "pings averaged",
     "stretch": "stretch of noise",
+    "array": "array",
 }
-SEPARATE = ("fault", "stretch")
+SEPARATE = ("fault", "stretch", "array")
 """What has nothing between one value and the next: no line joins them."""
 
 TITLES = {
@@ -68,7 +70,8 @@ def study_files(name: str, *, vary: str, rows: Sequence[Row]) -> dict[str, bytes
 
 def columns(vary: str) -> list[str]:
     """Return the columns of `study.csv`."""
-    return ["localizer", vary, "metric", *INTERVAL, "n"]
+    remark = ["remark"] if vary == "array" else []
+    return ["localizer", vary, "metric", *INTERVAL, "n", *remark]
 
 
 @styled
@@ -97,7 +100,7 @@ def paint_metric(axis: Axes, *, vary: str, rows: Sequence[Row]) -> None:
         rows: those of the metric; those of chance come last.
     """
     values = distinct(rows, vary)
-    x = range(len(values)) if vary == "fault" else values
+    x = range(len(values)) if vary in NAMED else values
     names = distinct(rows, "localizer")
     # Shifted lines set no limits of the axis, so an invisible one does.
     axis.plot(x, [0] * len(values), " ")
@@ -111,7 +114,7 @@ def paint_metric(axis: Axes, *, vary: str, rows: Sequence[Row]) -> None:
         paint_intervals(axis, x, pick(rows, localizer=name), label=name, transform=place, **style)
     if vary == "pings":
         axis.set_xscale("log", base=2)
-    if vary in ("pings", "fault"):
+    if vary == "pings" or vary in NAMED:
         axis.set_xticks(x, [str(value).replace("_", " ") for value in values])
 
 

@@ -39,13 +39,14 @@ def publish(folder: Path, page: Path) -> None:
     found = manifests.listed_bytes(folder, manifest, manifest["files"])
     beside = page.parent / page.stem
     write_beside(beside / f"{name}.csv", found["study.csv"])
-    # What has one value only is a table of a few numbers, no figure.
-    if len(manifest["study"]["values"]) > 1:
+    # One value, or arrays, which are no scale, make a table, no figure.
+    vary = manifest["study"]["vary"]
+    if len(manifest["study"]["values"]) > 1 and vary != "array":
         for figure in (Path(each) for each in found if each.endswith(".svg")):
             write_beside(beside / f"{name}_{figure.name}", found[str(figure)])
     words = shlex.split(manifest.get("command", ""))
     command = shlex.join(word for word in words if not word.startswith("runs="))
-    text = section(beside / f"{name}.csv", vary=manifest["study"]["vary"], command=command)
+    text = section(beside / f"{name}.csv", vary=vary, command=command)
     write_between(page, text, markers=markers(name))
 
 
@@ -69,5 +70,6 @@ def section(table: Path, *, vary: str, command: str) -> str:
         figures=figures,
         rows=rows,
         values=distinct(rows, vary),
+        localizers=distinct(rows, "localizer"),
     )
     return str(shown).strip()

@@ -53,12 +53,14 @@ class Condition:
         levels: levels of the noises, and how many recordings are averaged.
         fault: what is wrong with the array.
         stretch: number of the noise that all recordings share; None is noise of its own for each.
+        array: of the robot instead of its scene's.
     """
 
     room: AnyRoom
     levels: NoiseLevels
     fault: ArrayFault = FAULTS["none"]
     stretch: int | None = None
+    array: MicArray | None = None
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,11 @@ class Position:
     number: int
     pose: Pose
     scene: Scene
+
+    def under(self, condition: Condition) -> "Position":
+        """Return it with the array of a condition."""
+        array = condition.array or self.scene.array
+        return replace(self, scene=replace(self.scene, array=array))
 
 
 def record(

@@ -6,9 +6,11 @@ never replaced; intervals (`resamples`) and files of an older format are made an
 
 Each metric is a share of all recordings. Intervals are a bootstrap over positions; where all or
 none of the recordings are right, Wilson's. A localizer that refuses the recordings of an array with
-a dead microphone (S-NLS, if it is microphone 1) is wrong in them.
+a dead microphone (S-NLS, if it is microphone 1) is wrong in them. One that refuses an array has no
+share.
 """
 
+import math
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
@@ -17,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from echolearn.acoustics.arrays import limits
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check, check_name, check_whole
@@ -134,7 +137,7 @@ def estimate(study: Study, value: Any) -> Array:
     table = np.empty(study.trials, dtype=[("position", int), ("hit", float, shape)])
     shared_out = np.array_split(np.arange(study.trials), study.positions)
     for number, (pose, trials) in enumerate(zip(study.poses(), shared_out, strict=True)):
-        position = study.position(number, pose)
+        position = study.position(number, pose).under(condition)
         table["position"][trials] = number
         table["hit"][trials] = evaluate_position(
             study, position, condition=condition, trials=trials
@@ -154,10 +157,12 @@ def evaluate_position(
         trials: numbers of its recordings, shape (B,).
 
     Returns:
-        Shape (B, localizers + 1, 4); of chance the share of its draws.
+        Shape (B, localizers + 1, 4); of chance the share of its draws; NaN where a localizer
+        refuses the array.
     """
     observation = record(position, condition, trials=trials.tolist(), seed=study.seed)
-    may_refuse = condition.fault.dead > 0
+    other = condition.array is not None
+    may_refuse = condition.fault.dead > 0 or other
     estimates = [
         strongest_echo(localizer, observation, may_refuse=may_refuse)
         for localizer in study.localizers.values()
@@ -168,6 +173,9 @@ def evaluate_position(
     shares = []
     for each in estimates:
         right = is_right(each, room=condition.room, pose=position.pose, scene=position.scene)
+        if other:
+            # What a dead microphone costs is wrong, what no array like this can tell is no number.
+            right = np.where(np.isnan(each[:, :1]), np.nan, right)
         shares.append(right.reshape(len(trials), -1, len(METRICS)).mean(axis=1))
     return np.stack(shares, axis=1)
 
@@ -184,15 +192,20 @@ def accuracy_rows(study: Study, folder: Path, *, resamples: int) -> list[Row]:
     for index, value in enumerate(study.values):
         table = np.load(folder / manifests.shard_name(index), allow_pickle=False)
         weights = stats.cluster_weights(table["position"], resamples=resamples)
+        array = study.condition(value).array
+        remark = "" if array is None else limits(array)
         for column, name in enumerate([*study.localizers, CHANCE]):
             for metric, right in zip(METRICS, table["hit"][:, column].T, strict=True):
-                row = (name, value, metric, *share(right, weights), len(right))
+                row = [name, value, metric, *share(right, weights), len(right)]
+                row += [remark] if study.vary == "array" else []
                 rows.append(dict(zip(curves.columns(study.vary), row, strict=True)))
     return rows
 
 
 def share(right: Array, weights: Array) -> stats.Interval:
     """Return a share of recordings, right (B,), with its interval by `weights` (resamples, B)."""
+    if np.isnan(right).any():
+        return stats.Interval(math.nan, math.nan, math.nan)
     if right.min() == right.max():
         # Every resample would be the same: the bootstrap knows no uncertainty here.
         return stats.wilson(round(right.sum()), len(right))

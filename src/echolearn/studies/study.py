@@ -6,7 +6,8 @@ of few lines hangs on the burst. `accuracy` says which estimates count as right.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
 from echolearn.acoustics.geometry import SearchWindow
@@ -19,11 +20,15 @@ from echolearn.checks import BadValue, check, check_list, check_number, check_wh
 from echolearn.localization.localizer import Localizer
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.scene import Scene
+from echolearn.storage.identity import LATER
 from echolearn.studies.poses import PLACES, corner_pose, walk_poses
 from echolearn.studies.recordings import FAULTS, Condition, Position
 
 CHANCE = "chance"
-VARIED = ("snr_db", "sdnr_db", "t60", "fault", "pings", "stretch")
+VARIED = ("snr_db", "sdnr_db", "t60", "fault", "pings", "stretch", "array")
+NAMED = ("fault", "array")
+"""What has values that are names, in any order."""
+
 BURSTS = ("one", "each")
 
 
@@ -32,9 +37,10 @@ class Study:
     """What is varied, where, and how often.
 
     Attributes:
-        vary: snr_db, sdnr_db, t60, fault, pings, or stretch (of noise, one that all recordings
-            share).
-        values: V values of what is varied, ascending; faults by name, stretches by number.
+        vary: snr_db, sdnr_db, t60, fault, pings, stretch (of noise, one that all recordings
+            share), or array.
+        values: V values of what is varied, ascending; faults and arrays by name, stretches by
+            number.
         room: a shoebox.
         scene: what the robot carries.
         localizers: localizers by name.
@@ -48,6 +54,7 @@ class Study:
         bursts: one, that of the scene, or each: a burst of its own, as long, for every position.
         pings: recordings averaged unless varied, each at the levels above.
         places: corners or walk, see `poses`; a walk keeps its own distances from the walls.
+        scenes: by the names of arrays, with vary=array; of each its array is taken.
     """
 
     vary: str
@@ -65,6 +72,7 @@ class Study:
     bursts: str = "each"
     pings: int = 1
     places: str = "corners"
+    scenes: Mapping[str, Scene] | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         for name, known in (("vary", VARIED), ("bursts", BURSTS), ("places", PLACES)):
@@ -89,12 +97,12 @@ class Study:
         values = list(self.values)
         check(len(values) > 0, "values", values, allowed="must be at least one value")
         for value in values:
-            allowed = "must be numbers, or names of faults with vary=fault"
+            allowed = "must be numbers, or names with vary=fault or vary=array"
             check(isinstance(value, str | int | float), "values", value, allowed=allowed)
         check(len(set(values)) == len(values), "values", values, allowed="must be each value once")
         for value in values:
             self.condition(value)
-        ascending = self.vary == "fault" or sorted(values) == values
+        ascending = self.vary in NAMED or sorted(values) == values
         hint = "figures join them in turn"
         check(ascending, "values", values, allowed="must be in ascending order", hint=hint)
 
@@ -102,9 +110,11 @@ class Study:
         walls = list(self.room.walls)
         allowed = "must have at least one wall that reflects"
         check(any(walls), "room.walls", walls, allowed=allowed)
-        for pose in self.poses():
+        varied = (self.condition(value).array for value in self.values)
+        arrays = {array or self.scene.array for array in varied}
+        for pose, array in product(self.poses(), arrays):
             try:
-                check_inside(self.room, pose, array=self.scene.array)
+                check_inside(self.room, pose, array=array)
             except BadValue as error:
                 # The user gave distances, not this pose: the refusal has to name their key.
                 at = f"places={self.places} puts the robot outside the room: {error}"
@@ -122,6 +132,11 @@ class Study:
             allowed = f"must be names of faults: {', '.join(FAULTS)}"
             check(value in FAULTS, "values", value, allowed=allowed)
             varied = replace(usual, fault=FAULTS[value])
+        elif self.vary == "array":
+            scenes = self.scenes or {}
+            allowed = f"must be names of scenes: {', '.join(scenes)}"
+            check(value in scenes, "values", value, allowed=allowed)
+            varied = replace(usual, array=scenes[value].array)
         elif self.vary == "t60":
             varied = replace(usual, room=replace(self.room, t60=value))
         elif self.vary == "stretch":

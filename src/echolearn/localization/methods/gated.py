@@ -25,7 +25,11 @@ from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.checks import check_choice
 from echolearn.localization.beamforming import invert, regularize
 from echolearn.localization.correlations import PAD, interpolate
-from echolearn.localization.estimates import from_upright_walls, reference_echoes
+from echolearn.localization.estimates import (
+    from_upright_walls,
+    on_no_axis,
+    reference_echoes,
+)
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import GATE, MatchedFilter, check_extent
 from echolearn.storage.identity import LATER
@@ -76,7 +80,7 @@ class Gated:
             elevation=elevation[best],
             power=power.max(axis=-1).astype(float),
         )
-        return from_upright_walls(matched, found)
+        return from_upright_walls(matched, found, level=on_no_axis(found))
 
     def spectrum(self, matched: MatchedFilter, index: Array) -> Array:
         """Return the beam's power over directions around lag indices (B,), shape (B, A)."""
