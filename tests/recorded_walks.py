@@ -28,17 +28,17 @@ Change = Callable[[Array], Array]
 
 
 @cache
-def sound() -> Array:
+def sound(poses: int = len(POSES)) -> Array:
     """Return what a robot hears on its walk, without noise, shape (P, M, N)."""
-    return np.stack([SCENE.received(ROOM, pose) for pose in POSES])
+    return np.stack([SCENE.received(ROOM, pose) for pose in trajectory(ROOM, poses=poses)])
 
 
-def walk(*, direct: bool, snr_db: float = 20.0, seed: int = 7) -> Array:
+def walk(*, direct: bool, snr_db: float = 20.0, seed: int = 7, poses: int = len(POSES)) -> Array:
     """Return a walk, the noise measured against the sound with its direct path, (P, M, N).
 
     The seed is another than that of the probe, which would be part of the noise.
     """
-    received = sound()
+    received = sound(poses)
     noise = np.random.default_rng(seed).standard_normal(received.shape)
     level = received.std() * 10 ** (-snr_db / 20)
     return received - (0.0 if direct else SCENE.direct) + level * noise

@@ -11,12 +11,13 @@ import pytest
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
+from echolearn.simulation.walk import trajectory
 from echolearn.survey import audio
 from echolearn.survey.health import Health, examine, mended
 from echolearn.survey.mending import taken_off
 from echolearn.survey.reader import read_survey
 from echolearn.survey.survey import Survey
-from recorded_walks import PROBE, SCENE, TIME, Change, walk, write
+from recorded_walks import PROBE, ROOM, SCENE, TIME, Change, walk, write
 
 
 def late(*samples: int) -> Change:
@@ -189,16 +190,6 @@ REFUSED: dict[str, tuple[bool, Change, str]] = {
         lambda x: x[:, [0, 1, 1, 3, 4, 5]] * np.array([1, 1, 0.5, 1, 1, 1])[:, None],
         "doubled channels=microphones 2, 3",
     ),
-    "changed places": (
-        False,
-        swapped(2, 3, slice(4, None)),
-        "changed places=microphones 2, 3 in recordings 4, 5, .*: echoes must be plane waves",
-    ),
-    "changed places, present": (
-        True,
-        swapped(1, 4, slice(2, 8)),
-        "changed places=microphones 1, 4",
-    ),
     "crosstalk": (
         False,
         leaking(0.3),
@@ -260,6 +251,26 @@ def test_what_cannot_be_mended_is_refused_with_its_number(fault: str, tmp_path: 
     health = examine(survey)
     with pytest.raises(BadValue, match=f"^{survey.folder}: {said}"):
         mended(survey, health)
+
+
+@pytest.mark.parametrize(
+    ("pair", "recordings", "direct", "snr_db"),
+    [
+        ((2, 3), slice(12, None), False, 20),
+        ((1, 4), slice(24), True, 20),
+        ((5, 6), slice(24), False, 10),
+    ],
+)
+def test_exchanged_microphones_are_found_along_a_walk(
+    pair: tuple[int, int], recordings: slice, direct: bool, snr_db: float, tmp_path: Path
+) -> None:
+    """Also neighbours, and those that were exchanged on the way."""
+    poses = trajectory(ROOM, poses=24)
+    plain = walk(direct=direct, snr_db=snr_db, poses=24)
+    survey = write(tmp_path, swapped(*pair, recordings)(plain), direct=direct, poses=poses)
+    [line] = examine(survey).refused
+    named = "changed places=microphones {}, {} in recordings ".format(*pair)
+    assert line.startswith(named) and "were plugs exchanged?" in line
 
 
 def test_where_noise_hides_the_direct_path_nothing_is_refused(tmp_path: Path) -> None:

@@ -12,7 +12,9 @@ from echolearn.acoustics.types import Array
 from echolearn.survey import levels as level_rules
 from echolearn.survey import naming
 from echolearn.survey.arrivals import SEEN
+from echolearn.survey.exchange import exchanged
 from echolearn.survey.measuring import Walk
+from echolearn.survey.shape import judge_shape
 
 DEAD_DB = -40.0
 SOFT_DB = -12.0
@@ -70,10 +72,13 @@ def judge_channels(walk: Walk) -> Verdicts:
     found.alive = walk.used & ~dead.any(axis=0)
     _clipped(walk, found, dead=dead)
     _lost(walk, found)
+    found.refused += judge_shape(walk.shape, walk.survey.probe.samples, numbers=walk.numbers)
     if found.alive.sum() > 1:
         _same(walk, found)
         _loopback(walk, found)
-        _swapped(walk, found)
+        # Whatever else is wrong makes echoes no plane waves.
+        if not found.refused:
+            _swapped(walk, found)
         _soft(walk, found)
     return found
 
@@ -218,26 +223,17 @@ def _loopback(walk: Walk, found: Verdicts) -> None:
 
 
 def _swapped(walk: Walk, found: Verdicts) -> None:
-    """Refuse microphones whose exchange makes echoes plane waves that are none otherwise."""
-    pairs = np.asarray(walk.echo.swapped)
-    plane = np.asarray(walk.echo.plane)
-    votes: dict[tuple[int, int], Array] = {}
-    for first, second in {(int(a), int(b)) for a, b in pairs if a >= 0}:
-        votes[first, second] = (pairs == (first, second)).all(axis=1)
-    sound = [word == "fine" for word in found.words]
-    votes = {pair: which for pair, which in votes.items() if sound[pair[0]] and sound[pair[1]]}
-    if not votes:
+    """Refuse microphones whose exchange makes the echoes of a walk louder."""
+    exchange = exchanged(walk.echo.louder)
+    if exchange is None or not all(found.words[m] == "fine" for m in exchange.pair):
         return
-    (first, second), chosen = max(votes.items(), key=lambda item: int(item[1].sum()))
-    enough = max(2, 0.1 * (plane.sum() + sum(each.sum() for each in votes.values())))
-    if chosen.sum() >= enough:
-        which = np.isin(np.arange(len(walk.used)), (first, second))
-        where = naming.recordings(walk.numbers, chosen)
-        line = (
-            f"changed places={naming.microphones(which)} in {where}: echoes must be plane waves, "
-            "and are so with the two exchanged; were plugs exchanged?"
-        )
-        found.refuse(which, "changes places", line)
+    which = np.isin(np.arange(len(walk.used)), exchange.pair)
+    where = naming.recordings(walk.numbers, exchange.recordings)
+    line = (
+        f"changed places={naming.microphones(which)} in {where}: echoes must be plane waves, "
+        "and are more so with the two, or their neighbours, exchanged; were plugs exchanged?"
+    )
+    found.refuse(which, "changes places", line)
 
 
 def _soft(walk: Walk, found: Verdicts) -> None:

@@ -1,20 +1,13 @@
 """What the echoes of one recording say of its microphones, the direct path subtracted.
 
-The strongest echo reaches the microphones as a plane wave, at lags
-
-    l_m = l - (u . p_m) fs / c
-
-so lags that fit no plane, but do when two microphones change places, tell that these have. Signs of
-the echo tell which microphone is wired the other way. Sound that reaches two channels at the same
-instant, at all frequencies alike, did not come through air:
+Signs of the strongest echo tell which microphone is wired the other way. Sound that reaches two
+channels at the same instant, at all frequencies alike, did not come through air:
 
     rho_ij = sum_f Re(Y_i conj(Y_j)) / P,   P(f) the mean power of all channels
 
 is 1 for channels that are one, and a little for those that leak into one another.
 """
 
-from functools import lru_cache
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -22,21 +15,11 @@ from scipy import fft
 
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.survey.arrivals import SEEN, Arrivals, largest
+from echolearn.survey.exchange import louder
 from echolearn.survey.time_zero import Direct
 
 AFTER = 32
 """Samples after the direct path at which echoes begin."""
-
-FITS = 1.0
-AMISS = 2.0
-"""Samples, rms, up to which lags fit a plane wave, and from which they do not."""
-
-ECHOES = 6
-"""Echoes of a recording that are looked at: those of floor and ceiling reach a level ring at once,
-and say nothing of who is where."""
-
-NOBODY = (-1, -1)
-"""No pair of microphones."""
 
 NEAR = 8
 """Lags on either side of an arrival in which the halves of its burst are sought."""
@@ -50,8 +33,7 @@ class Echo(NamedTuple):
         sign: of the echo at each microphone, shape (M,); 0 where it is not seen.
         lag: of the largest |r| of each microphone by itself, shape (M,), in samples.
         score: of that as a normalised correlation, shape (M,).
-        swapped: pair of microphones whose exchange makes the lags a plane wave, or (-1, -1).
-        plane: whether the lags are one as they are.
+        louder: by how much echoes would be if two microphones were exchanged (`exchange`).
         alike: rho between microphones, shape (M, M).
         drift: rate of the recorder's clock against the player's less 1; NaN if not measured.
     """
@@ -60,8 +42,7 @@ class Echo(NamedTuple):
     sign: Array
     lag: Array
     score: Array
-    swapped: tuple[int, int]
-    plane: bool
+    louder: Array
     alike: Array
     drift: float
 
@@ -97,36 +78,18 @@ def measure_echoes(
 
     # What the others hear of an echo lies as near as the array is wide.
     reach = int(np.ceil(2 * scale * array.reach)) + 2
-    places = strongest_places(outputs[loudest], ECHOES, apart=reach)
-    waves = [wave(outputs, place, reach=reach) for place in places]
-    votes = [
-        exchanged(where, np.abs(height) > SEEN * found.noise, positions=array.positions * scale)
-        for where, height in waves
-    ]
-    pairs = [pair for pair, _ in votes if pair != NOBODY]
-    height = waves[0][1]
+    place = int(np.abs(outputs[loudest]).argmax())
+    _, height = wave(outputs, place, reach=reach)
     seen = np.abs(height) / found.noise
     return Echo(
         seen=seen,
         sign=np.where(seen > SEEN, np.sign(height), 0.0),
         lag=burst,
         score=scores(samples, burst, heights=highest, length=len(found.probe.samples)),
-        swapped=max(pairs, key=pairs.count) if pairs else NOBODY,
-        plane=any(plane for _, plane in votes),
+        louder=louder(outputs, found.noise, positions=array.positions * scale),
         alike=instant(samples, found),
         drift=drift(samples, burst, probe=found.probe),
     )
-
-
-def strongest_places(outputs: Array, count: int, *, apart: int) -> list[int]:
-    """Return the places of the largest |r| (K,), so many, no two nearer than `apart`."""
-    left = np.abs(outputs)
-    places = []
-    for _ in range(count):
-        place = int(left.argmax())
-        places.append(place)
-        left[max(place - apart, 0) : place + apart + 1] = 0.0
-    return places
 
 
 def wave(outputs: Array, place: int, *, reach: int) -> tuple[Array, Array]:
@@ -155,50 +118,6 @@ def scores(samples: Array, lags: Array, *, heights: Array, length: int) -> Array
     rows = zip(samples, starts, strict=True)
     energy = np.array([np.sum(channel[start : start + length] ** 2) for channel, start in rows])
     return np.abs(heights) / np.sqrt(np.where(energy > 0, energy, np.inf))
-
-
-def exchanged(lags: Array, known: Array, *, positions: Array) -> tuple[tuple[int, int], bool]:
-    """Return the pair whose exchange makes lags a plane wave, and whether they are one already.
-
-    Args:
-        lags: of an echo, shape (M,).
-        known: microphones at which it is seen, shape (M,), bool.
-        positions: in samples of path, shape (M, 3).
-    """
-    used = np.flatnonzero(known)
-    # Without more microphones than unknowns every lag fits.
-    design = np.column_stack([np.ones(len(used)), positions[used]])
-    rest = _residual(design.tobytes(), len(used))
-    if np.trace(rest) < 1.5:
-        return NOBODY, False
-    here = lags[used]
-    if _rms(rest @ here) <= FITS:
-        # An echo on the axis would fit in any order.
-        return NOBODY, bool(np.ptp(here) > 4 * AMISS)
-    if _rms(rest @ here) < AMISS:
-        return NOBODY, False
-
-    pairs = list(combinations(range(len(used)), 2))
-    tried = np.tile(here, (len(pairs), 1))
-    for row, (i, j) in enumerate(pairs):
-        tried[row, [i, j]] = tried[row, [j, i]]
-    left = np.sqrt(np.mean((tried @ rest) ** 2, axis=-1))
-    best = int(left.argmin())
-    if left[best] > FITS:
-        return NOBODY, False
-    first, second = pairs[best]
-    return (int(used[first]), int(used[second])), False
-
-
-@lru_cache(maxsize=64)
-def _residual(design: bytes, count: int) -> Array:
-    """Return what takes off `count` lags the plane wave that fits best, by its design matrix."""
-    columns = np.frombuffer(design).reshape(count, 4)
-    return np.eye(count) - columns @ np.linalg.pinv(columns)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def instant_correlation(spectrum: Array) -> Array:

@@ -24,7 +24,6 @@ from echolearn.survey.containers import Containers, numbers_of, told
 from echolearn.survey.echoes import Echo
 from echolearn.survey.measuring import Walk, decibels, measure_walk
 from echolearn.survey.mending import Mending
-from echolearn.survey.shape import judge_shape
 from echolearn.survey.survey import CALIBRATION, NOISE, Survey
 from echolearn.survey.time_zero import Direct, TimeZero
 
@@ -103,9 +102,7 @@ def examine(survey: Survey) -> Health:
     verdicts = judge_channels(walk)
     zero = _zero(walk, verdicts.alive)
     begun = _calibration(walk, verdicts.alive)
-    # What is lost within the direct path makes time zero wrong besides.
-    lost = judge_shape(walk.shape, survey.probe.samples, numbers=walk.numbers)
-    verdicts.refused += (*lost, *zero.refused, *begun.refused)
+    verdicts.refused += (*zero.refused, *begun.refused)
     mending = _mending(walk, zero, used=verdicts.alive, calibration=float(begun.late[0]))
     negative = _negative(walk.echo.sign * mending.sign * verdicts.alive)
     rest = walk.level[:, survey.used].mean(axis=1) / np.maximum(walk.noise, 1e-30) - 1.0

@@ -1,0 +1,146 @@
+"""Which microphones changed places: exchanging two of them makes the echoes of a walk louder.
+
+    J(tau, phi) = sum_m r_m(tau + eta_m(phi)),   eta_m of a plane wave from phi
+    z_ij = max |J_ij| / max |J| - 1,             J_ij with eta_i and eta_j exchanged
+
+One echo deceives where two walls answer at once, so all those of a walk, or of its beginning or
+end, are asked together: T = sum z / sqrt(sum z^2) is as a number of standard deviations, and below
+zero where microphones are where they should be. Neighbours are sometimes taken for those exchanged.
+"""
+
+from functools import lru_cache
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from echolearn.acoustics.types import Array
+
+ECHOES = 4
+"""Echoes of a recording that are looked at."""
+
+DIRECTIONS = 24
+"""Azimuths that are tried, and the axis."""
+
+FINER = 2
+"""Points per lag at which the matched filter is read."""
+
+BESIDE = 16
+"""Lags on either side of those that are read, for what lies between samples."""
+
+SEEN = 6.5
+"""Height of a sum over its noise from which an echo tells: noise reaches 5."""
+
+SURE = 2.0
+CLEAR = 5.0
+"""T, and T times the sum of z, from which microphones are exchanged; sound walks reach 2 and 1.4.
+"""
+
+FEWEST = 6
+"""Recordings of a stretch that is asked."""
+
+
+class Exchange(NamedTuple):
+    """Two microphones that changed places.
+
+    Attributes:
+        pair: numbers of the microphones, from 0.
+        recordings: in which they did, shape (P,), bool.
+    """
+
+    pair: tuple[int, int]
+    recordings: Array
+
+
+def pairs_of(count: int) -> list[tuple[int, int]]:
+    """Return all pairs of so many microphones."""
+    return list(combinations(range(count), 2))
+
+
+def louder(outputs: Array, noise: Array, *, positions: Array) -> Array:
+    """Return z_ij for the strongest echoes of a recording, shape (ECHOES, pairs); NaN if unseen.
+
+    Args:
+        outputs: of the matched filter without the direct path, shape (M, K).
+        noise: standard deviation of each, shape (M,).
+        positions: of the microphones, in samples of path, shape (M, 3).
+    """
+    delays = _delays(positions.tobytes(), len(positions))
+    reach = int(np.ceil(np.abs(delays).max())) + 1
+    sides = 2 * reach + BESIDE
+    heard = np.pad(outputs / noise[:, None], ((0, 0), (sides, sides)))
+    # All microphones hear an echo within the array's width, whoever they are.
+    power = np.sum(heard**2, axis=0)
+    around = np.convolve(power, np.ones(2 * reach + 1), "same")
+    found = np.full((ECHOES, len(pairs_of(len(positions)))), np.nan)
+    for row in range(ECHOES):
+        place = int(around[sides:-sides].argmax()) + sides
+        found[row] = _louder_at(heard[:, place - sides : place + sides + 1], delays, reach=reach)
+        around[max(place - 2 * reach, 0) : place + 2 * reach + 1] = 0.0
+    return found
+
+
+@lru_cache(maxsize=4)
+def _delays(positions: bytes, count: int) -> Array:
+    """Return eta_m(phi) in samples, shape (DIRECTIONS + 1, M)."""
+    angles = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    toward = np.stack([np.cos(angles), np.sin(angles), np.zeros(DIRECTIONS)], axis=-1)
+    toward = np.append(toward, [[0.0, 0.0, 1.0]], axis=0)
+    places = np.frombuffer(positions).reshape(count, 3)
+    return -toward @ (places - places.mean(axis=0)).T
+
+
+def _louder_at(heard: Array, delays: Array, *, reach: int) -> Array:
+    """Return z_ij of one echo, shape (pairs,).
+
+    Args:
+        heard: outputs over their noise around it, shape (M, W).
+        delays: of the directions, shape (A, M), in samples.
+        reach: largest of them.
+    """
+    count, width = heard.shape
+    finer = np.fft.irfft(np.fft.rfft(heard), width * FINER) * FINER
+    lags = np.arange(reach + BESIDE // 2, width - reach - BESIDE // 2)
+    at = np.rint((lags + delays[..., None]) * FINER).astype(int)
+    # Row m, column k: what microphone m would add were it at the place of k.
+    added = finer[:, at].swapaxes(1, 2)
+    usual = added[np.arange(count), np.arange(count)].sum(axis=0)
+    highest = [
+        np.abs(usual - added[i, i] - added[j, j] + added[i, j] + added[j, i]).max()
+        for i, j in pairs_of(count)
+    ]
+    best = float(np.abs(usual).max())
+    if max(best, *highest) < SEEN * np.sqrt(count):
+        return np.full(len(highest), np.nan)
+    found: Array = np.array(highest) / best - 1.0
+    return found
+
+
+def exchanged(louder: Array) -> Exchange | None:
+    """Return the microphones that changed places, if two did, by z_ij (P, ECHOES, pairs)."""
+    z = np.where(np.isfinite(louder), louder, 0.0)
+    length = len(z)
+    # From the beginning up to each recording, and from each on to the end.
+    sums, squares = (_stretches(each.sum(axis=1)) for each in (z, z**2))
+    numbers = np.arange(length)
+    count = np.concatenate([numbers + 1, numbers[:0:-1]])
+    spread = np.sqrt(squares)
+    sure = (sums > SURE * spread) & (sums * np.abs(sums) > CLEAR * spread)
+    sure &= (count >= FEWEST)[:, None]
+    if not sure.any():
+        return None
+    place, pair = np.unravel_index(int(np.where(sure, sums, 0.0).argmax()), sums.shape)
+    within = numbers <= place if place < length else numbers > place - length
+    which = within & (z[..., pair].sum(axis=1) > 0)
+    return Exchange(pairs_of(_microphones(z.shape[-1]))[int(pair)], which)
+
+
+def _stretches(values: Array) -> Array:
+    """Return sums (2 P - 1, K) of values (P, K) from the beginning, and up to the end."""
+    sums = np.cumsum(values, axis=0)
+    return np.concatenate([sums, sums[-1] - sums[:-1]])
+
+
+def _microphones(pairs: int) -> int:
+    """Return how many microphones have so many pairs."""
+    return round((1 + np.sqrt(1 + 8 * pairs)) / 2)
