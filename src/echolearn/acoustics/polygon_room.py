@@ -209,7 +209,9 @@ def _check_apart(outlines: Sequence[Array]) -> None:
     where = sides[first[0]].tolist() if len(first) else ""
     check(len(first) == 0, name, f"{where} m", allowed="must be sides that do not cross others")
 
-    check(np.ptp(outlines[0], axis=0).max() <= 200.0, name, "", allowed="must span at most 200 m")
+    span = float(np.ptp(outlines[0], axis=0).max())
+    check(span <= 200.0, "room.corners", f"{span:g} m", allowed="must span at most 200 m")
+
     for number, pillar in enumerate(outlines[1:], start=1):
         around = [outline for other, outline in enumerate(outlines) if other != number]
         within = encloses(np.concatenate([closed(other) for other in around]), pillar[:1])[0]

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echolearn.acoustics.polygon_room import AnyRoom
+from echolearn.acoustics.polygon_room import AnyRoom, PolygonRoom
 from echolearn.acoustics.types import Array, Room
-from echolearn.checks import BadValue
+from echolearn.simulation.beams import plan_axis, plan_images
 from echolearn.simulation.responses import check_placement, response_length
 
 FAINT = 1e-9
@@ -42,7 +42,7 @@ class Images:
         """Return the responses from one source to M microphones.
 
         Args:
-            room: the shoebox; its T60 gives the wall coefficients (Sabine) and the length.
+            room: its T60 gives the coefficients of the walls (Sabine) and the length.
             source: shape (3,), in m.
             microphones: shape (M, 3), in m.
             sample_rate: in Hz.
@@ -56,8 +56,6 @@ class Images:
         """
         from echolearn.simulation import image_loops
 
-        if not isinstance(room, Room):
-            raise BadValue("room: must be a box")
         check_placement(
             room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
         )
@@ -73,7 +71,7 @@ class Images:
 
 
 def lattice(
-    room: Room,
+    room: AnyRoom,
     source: Array,
     microphones: Array,
     *,
@@ -83,14 +81,19 @@ def lattice(
 ) -> tuple[Array, Array, Array]:
     """Return the images along each axis of a room, longest side first, as `axis_images` has them.
 
+    Of a room that is no box the first axis has one image, the second those on the plan.
+
     Args:
-        room: the shoebox.
+        room: with its walls.
         source: shape (3,), in m.
         microphones: shape (M, 3), in m.
         scale: samples of the grid per m.
-        reflection: coefficients of the walls, shape (6,).
+        reflection: coefficients of the walls, shape (W,).
         reach: largest distance of interest, in samples of the grid.
     """
+    if isinstance(room, PolygonRoom):
+        about = {"scale": scale, "reflection": reflection, "reach": reach}
+        return _plan_and_height(room, np.asarray(source), np.asarray(microphones), **about)
     size = scale * np.array(room.size)
     walls = reflection.reshape(3, 2)
     origin = scale * np.asarray(source, dtype=float)
@@ -102,6 +105,46 @@ def lattice(
         for i in np.argsort(-size, kind="stable")
     )
     return x, y, z
+
+
+def _plan_and_height(
+    room: PolygonRoom,
+    source: Array,
+    microphones: Array,
+    *,
+    scale: float,
+    reflection: Array,
+    reach: float,
+) -> tuple[Array, Array, Array]:
+    """Return the images in a room of any outline: one, those on its plan, those of floor and ceiling.
+
+    Args:
+        room: the room.
+        source: shape (3,), in m.
+        microphones: shape (M, 3), in m.
+        scale: samples of the grid per m.
+        reflection: coefficients of the walls, shape (W,).
+        reach: largest distance of interest, in samples of the grid.
+    """
+    count = len(microphones)
+    orders = plan_images(
+        room,
+        source[:2],
+        microphones[:, :2],
+        reflection=reflection,
+        reach=reach / scale,
+        faint=FAINT,
+    )
+    plan = plan_axis(np.concatenate(list(orders)), count, scale=scale)
+    upright = axis_images(
+        scale * room.height,
+        reflection[len(room.corners) :][:2],
+        source=scale * source[2],
+        microphones=scale * microphones[:, 2],
+        reach=reach,
+    )
+    nothing = np.tile(np.array([[0.0], [1.0]]), (count, 1, 1))
+    return nothing, plan, upright
 
 
 def axis_images(

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from echolearn.acoustics.polygon_room import AnyRoom
-from echolearn.acoustics.types import Array, Room
-from echolearn.checks import BadValue, check, check_choice
+from echolearn.acoustics.types import Array
+from echolearn.checks import check, check_choice
 from echolearn.simulation.responses import check_placement, response_length
 from echolearn.simulation.rir.images import lattice
 
@@ -57,7 +57,7 @@ class TorchImages:
         """Return the responses from one source to M microphones.
 
         Args:
-            room: the shoebox; its T60 gives the wall coefficients (Sabine) and the length.
+            room: its T60 gives the coefficients of the walls (Sabine) and the length.
             source: shape (3,), in m.
             microphones: shape (M, 3), in m.
             sample_rate: in Hz.
@@ -71,8 +71,6 @@ class TorchImages:
         """
         from echolearn.simulation import image_loops
 
-        if not isinstance(room, Room):
-            raise BadValue("room: must be a box for rir=torch")
         check_placement(
             room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
         )
@@ -104,6 +102,9 @@ class TorchImages:
         from echolearn.simulation.image_loops import kernel_table
 
         x, y, z = (torch.from_numpy(axis).to(self.device) for axis in axes)
+        # Blocks are cut from the first axis, which has to be a long one; the sum stays the same.
+        if x.shape[-1] < y.shape[-1]:
+            x, y = y, x
         table = torch.from_numpy(kernel_table().astype(float)).to(self.device)
         grid = torch.zeros(len(x) * size, dtype=torch.int64, device=self.device)
         step = max(1, BLOCK // (len(x) * y.shape[-1] * z.shape[-1]))
