@@ -15,8 +15,9 @@ import math
 
 import numpy as np
 
-from echolearn.acoustics.polygon_room import AnyRoom
+from echolearn.acoustics.polygon_room import AnyRoom, PolygonRoom
 from echolearn.acoustics.rooms import inside
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array
 from echolearn.checks import check, check_rate, check_speed
 
@@ -43,8 +44,8 @@ def check_placement(
         speed_of_sound: in m/s.
 
     Raises:
-        BadValue: a wrong shape, a point outside the room, a microphone on the source, a rate or
-            speed out of range, or a T60 so long that the images cannot be counted out in reasonable
+        BadValue: a wrong shape, a point outside the room, a microphone on the source, a source on
+            a wall that is not a box's, a rate or speed out of range, or a T60 so long that the images cannot be counted out in reasonable
             time.
     """
     check_rate("sample_rate", sample_rate)
@@ -57,6 +58,10 @@ def check_placement(
     _check_inside("source", np.atleast_2d(source), room)
     _check_inside("microphones", np.asarray(microphones), room)
 
+    if isinstance(room, PolygonRoom):
+        away = float(distance_to_outline(np.asarray(source)[:2], room.faces[0]))
+        allowed = "must be more than 0.001 m away from it"
+        check(away > 1e-3, "source", f"{away:g} m from a wall", allowed=allowed)
     nearest = float(np.linalg.norm(np.asarray(microphones) - np.asarray(source), axis=1).min())
     allowed = "must be more than 0.001 m away from it"
     check(nearest > 1e-3, "microphones", f"{nearest:g} m from the source", allowed=allowed)

@@ -9,7 +9,7 @@ a rectangle with round corners. During the first turn inward = 1: the robot foll
 weaving between `CLEARANCE` and `CLEARANCE + WEAVE` so that no wall keeps one distance (a constant
 TOA could be memorised). During the next two, inward(u) = 1 / (1 + ((u - 1) / 0.8)^2) takes it into
 the middle, where the larger rooms have no wall within 2 m and every echo in the search window is
-spurious.
+spurious. In a room that is no box the robot follows its walls (`wall_following`).
 """
 
 import math
@@ -17,8 +17,10 @@ import math
 import numpy as np
 
 from echolearn.acoustics.polygon_room import AnyRoom
+from echolearn.acoustics.rooms import size_of
 from echolearn.acoustics.types import Array, Pose, Room
-from echolearn.checks import BadValue, check, check_number, check_whole
+from echolearn.checks import check, check_number, check_whole
+from echolearn.simulation.wall_following import followed
 
 CLEARANCE = 1.05
 """Smallest distance from the walls that the first turn aims at, in m."""
@@ -46,7 +48,8 @@ def trajectory(room: AnyRoom, *, poses: int = 160, start: float = 0.6) -> list[P
     """Walk along the walls, then into the middle of the room, at half its height.
 
     Args:
-        room: a shoebox whose shorter side holds the margins to both walls.
+        room: a box whose shorter side holds the margins to both walls, or one of any outline with a
+            place for them.
         poses: number P of poses, evenly spaced along the path.
         start: polar angle of the first pose, in rad; another start gives another walk.
 
@@ -58,16 +61,10 @@ def trajectory(room: AnyRoom, *, poses: int = 160, start: float = 0.6) -> list[P
     """
     check_whole("poses", poses, low=2, high=MOST)
     check_number("start", start, low=-10.0, high=10.0, unit="rad")
-    if not isinstance(room, Room):
-        raise BadValue("room: must be a box")
-    far = f"{CLEARANCE:g} to {CLEARANCE + WEAVE:g} m"
-    check(
-        min(room.size[:2]) > LEAST - 1e-9,
-        "room.size",
-        room.dimensions,
-        allowed=f"must have two sides of at least {LEAST:g} m, for a walk {far} from the walls",
-    )
-    path = _spiral(room, start)
+    if isinstance(room, Room):
+        path = _spiral(room, start)
+    else:
+        path = followed(room, start=start, clearance=CLEARANCE, weave=WEAVE, swings=SWINGS)
 
     # Even steps along the path, and the direction of its tangent there.
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
@@ -77,12 +74,23 @@ def trajectory(room: AnyRoom, *, poses: int = 160, start: float = 0.6) -> list[P
         np.interp(places, length, column) for column in np.hstack([path, tangent]).T
     )
     heading = np.arctan2(ahead_y, ahead_x)
-    positions = np.stack([x, y, np.full(poses, room.size[2] / 2)], axis=1)
+    positions = np.stack([x, y, np.full(poses, size_of(room)[2] / 2)], axis=1)
     return [Pose(place, float(turn)) for place, turn in zip(positions, heading, strict=True)]
 
 
 def _spiral(room: Room, start: float) -> Array:
-    """Return the path as a dense polyline, shape (30001, 2), in m."""
+    """Return the path as a dense polyline, shape (30001, 2), in m.
+
+    Raises:
+        BadValue: margins that the room cannot hold.
+    """
+    far = f"{CLEARANCE:g} to {CLEARANCE + WEAVE:g} m"
+    check(
+        min(room.size[:2]) > LEAST - 1e-9,
+        "room.size",
+        room.dimensions,
+        allowed=f"must have two sides of at least {LEAST:g} m, for a walk {far} from the walls",
+    )
     turn = np.linspace(0.0, TURNS, 30_001)
     theta = start + 2 * math.pi * turn
     margin = CLEARANCE + WEAVE * np.sin(math.pi * SWINGS * turn) ** 2

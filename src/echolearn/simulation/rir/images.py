@@ -10,6 +10,11 @@ which an image is a triple:
 With each list sorted by offset, the ball of images within reach is a prefix of z for every prefix
 of x and y: none of them is left out, none outside is looked at. (But for images that one axis alone
 dims by 180 dB.) How the sum is computed, and its errors, are in `simulation.image_loops`.
+
+In a room of any outline the images on its plan take the place of x and y (`simulation.beams`): each
+microphone has a list of those that it hears, and z is the axis from floor to ceiling. All images
+within reach are summed there, too. What costs time are the beams on the plan; what they do not
+know is diffraction around corners.
 """
 
 import math
