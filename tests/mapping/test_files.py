@@ -217,6 +217,16 @@ def test_walls_are_drawn_above_points() -> None:
     assert kinds.index("wall") > max(k for k, kind in enumerate(kinds) if kind == "kept")
 
 
+def test_a_plan_with_a_door_and_a_pillar_is_drawn_line_by_line() -> None:
+    """Lines that close are polygons, of their corners once; others leave the gap open."""
+    wall = np.array([[[0.0, 0.0], [5.0, 0.0]], [[5.0, 0.0], [5.0, 4.0]]])
+    pillar = closed(np.array([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]]))
+    walk = replace(lopsided(), outline=np.concatenate([wall, pillar]))
+    drawn = [shape for shape in shapes(walk) if shape.get("class") == "outline"]
+    assert [shape.tag.rpartition("}")[2] for shape in drawn] == ["polyline", "polygon"]
+    assert [len(str(shape.get("points")).split()) for shape in drawn] == [3, 3]
+
+
 def test_the_drawing_has_equal_axes_and_every_point(walk: MappedWalk) -> None:
     found = shapes(walk)
     kinds = [shape.get("class") for shape in found]

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from echolearn.acoustics.rooms import outline
+from echolearn.acoustics.polygon_room import PolygonRoom
+from echolearn.acoustics.rooms import inside, outline
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Room
-from echolearn.evaluation.coverage import attainable
+from echolearn.evaluation.coverage import attainable, feet
 from echolearn.simulation.walk import trajectory
 from refusals import refused
 
@@ -94,3 +96,40 @@ def test_impossible_walks_are_refused(size, changes, message):
 
 def test_the_smallest_room_holds_the_walk():
     assert len(trajectory(Room((3.1, 8.0, 2.5), 0.4))) == 160
+
+
+L = ((0.0, 0.0), (7.0, 0.0), (7.0, 3.2), (4.0, 3.2), (4.0, 7.0), (0.0, 7.0))
+PILLAR = ((4.0, 3.0), (4.4, 3.0), (4.4, 3.4), (4.0, 3.4))
+WIDE = ((0.0, 0.0), (9.0, 0.0), (9.0, 7.0), (0.0, 7.0))
+
+
+@pytest.mark.parametrize("start", [0.6, 3.0])
+@pytest.mark.parametrize(
+    "room",
+    [
+        PolygonRoom(L, 2.6, 0.6),
+        PolygonRoom(L[::-1], 2.6, 0.6, doors=((0, 1.0, 1.9),)),
+        PolygonRoom(WIDE, 3.0, 0.6, pillars=(PILLAR,)),
+        PolygonRoom(((0.0, 0.0), (6.0, 0.5), (7.0, 4.0), (3.0, 6.0), (-0.5, 3.5)), 3.0, 0.6),
+    ],
+    ids=["L", "clockwise, with a door", "pillar", "five corners"],
+)
+def test_in_any_room_the_walk_keeps_off_all_walls_and_passes_each(room, start):
+    """No two poses are far apart, and from most a wall sends an echo back within the window."""
+    poses = trajectory(room, poses=150, start=start)
+    places = np.array([pose.position for pose in poses])
+    assert inside(room, places).all() and (places[:, 2] == room.height / 2).all()
+    away = distance_to_outline(places[:, :2], room.faces[0])
+    assert away.min() > 1.02 and away.max() > 1.4
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() < 0.6
+    assert attainable(outline(room), places[:, :2]) > 0.8
+    _, echoes = feet(outline(room)[: len(room.corners)], places[:, :2])
+    assert (echoes.sum(axis=0) > 3).all()
+    other = trajectory(room, poses=150, start=start + 1.0)
+    assert not np.allclose(other[0].position, poses[0].position, atol=0.1)
+
+
+def test_a_room_without_a_place_off_all_walls_is_refused():
+    corridor = PolygonRoom(((0.0, 0.0), (9.0, 0.0), (9.0, 2.0), (0.0, 2.0)), 2.6, 0.6)
+    with refused("room.corners=0.99 m: must leave a place at least 1.25 m from all walls, for a"):
+        trajectory(corridor)

@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from by_hand import FILES, edit
 from echolearn.acoustics.types import Array, Pose
 from echolearn.checks import BadValue
-from echolearn.survey import reader
+from echolearn.survey import floor_plan, reader
 from echolearn.survey.poses import poses_csv, read_poses
 
 CORNERS = "must be null, or 3 to 1000 distinct corners in order around an area"
+LINE = "must be lines of at least two corners, each apart from the one before it"
 KEYS = (
     "sample_rate, speed_of_sound, microphones, loudspeaker, direct_path, map, walls, "
     "heading_bias_sd_rad, conditions"
@@ -68,6 +69,16 @@ def refusal(folder: Path, name: str) -> str:
         ("walls", [[0, 0], [4, 0], [8, 0]], f"=an area of 0 m^2: {CORNERS}"),
         ("walls", [[0, 0], [4, 3], [4, 0], [0, 3]], f"=an area of 0 m^2: {CORNERS}; do its sides"),
         ("walls", [[k % 99, k // 99] for k in range(1001)], f"=1001 corners: {CORNERS}"),
+        ("walls", [[[0, 0]]], f".0=1 corners: {LINE}"),
+        (
+            "walls",
+            [[[0, 0], [1, 0]], [[0, 0], [0, 0], [1, 1]]],
+            ".1=a corner twice in a row: must",
+        ),
+        ("walls", [[[0, 0], [4, 0], [8, 0], [0, 0]]], f".0=an area of 0 m^2: {CORNERS}"),
+        ("walls", [[[0, 0], [1, 0]], 3], "=dtype object: must be many x 2 finite numbers in m"),
+        ("walls", [[[0, 0], [1, 0]], [[0, 0, 1]]], ".1=shape (1, 3): must be many x 2 finite"),
+        ("walls", [[[k, 0] for k in range(501)]] * 2, "=1002 corners: must have at most 1000"),
         ("walls", [[0, 0], [8000, 0], [8000, 12000]], "=12000 m: must be coordinates from -10000"),
         ("heading_bias_sd_rad", 5, "=5 rad: must be a number from 0 to 3.14159 rad; is it in deg"),
         ("heading_bias_sd_rad", -0.1, "=-0.1 rad"),
@@ -104,6 +115,21 @@ def test_keys_that_mean_nothing_are_refused(folder: Path, key: Any, message: str
     path = folder / "survey.yaml"
     path.write_text(path.read_text() + yaml.safe_dump({key: 1}, width=99999))
     assert refusal(folder, "survey.yaml").startswith(f" key={message}")
+
+
+def test_a_floor_plan_may_have_pillars_and_doors(folder: Path) -> None:
+    """A line that ends where it begins is closed; what is read is what is written."""
+    pillar = [[2, 2], [3, 2], [3, 3], [2, 2]]
+    edit(folder, walls=[[[1, 0], [6, 0], [6, 5], [0, 5], [0, 0]], pillar])
+    walls = reader.read_survey(folder).walls
+    assert walls is not None and walls.shape == (7, 2, 2)
+    assert walls[3].tolist() == [[0, 5], [0, 0]] and walls[6].tolist() == [[3, 3], [2, 2]]
+    lines = floor_plan.plain(walls)
+    assert np.array_equal(floor_plan.sides(lines), walls)
+    # The same lines again, and a single outline as it always was.
+    assert lines[1] == pillar
+    assert floor_plan.plain(floor_plan.sides([[0, 0], [4, 0], [4, 3]])) == [[0, 0], [4, 0], [4, 3]]
+    assert floor_plan.sides([[0, 0], [4, 0], [4, 3]])[2].tolist() == [[4, 3], [0, 0]]
 
 
 VALUES = st.recursive(

@@ -45,8 +45,8 @@ def check_placement(
 
     Raises:
         BadValue: a wrong shape, a point outside the room, a microphone on the source, a source on
-            a wall that is not a box's, a rate or speed out of range, or a T60 so long that the images cannot be counted out in reasonable
-            time.
+            a wall where the room is no box, a rate or speed out of range, or a T60 so long that the
+            images cannot be counted out in reasonable time.
     """
     check_rate("sample_rate", sample_rate)
     check_speed("speed_of_sound", speed_of_sound)

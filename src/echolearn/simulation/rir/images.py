@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from echolearn.acoustics.polygon_room import AnyRoom, PolygonRoom
-from echolearn.acoustics.types import Array, Room
+from echolearn.acoustics.types import Array
 from echolearn.simulation.beams import plan_axis, plan_images
 from echolearn.simulation.responses import check_placement, response_length
 
@@ -97,8 +97,14 @@ def lattice(
         reach: largest distance of interest, in samples of the grid.
     """
     if isinstance(room, PolygonRoom):
-        about = {"scale": scale, "reflection": reflection, "reach": reach}
-        return _plan_and_height(room, np.asarray(source), np.asarray(microphones), **about)
+        return _plan_and_height(
+            room,
+            np.asarray(source, dtype=float),
+            np.asarray(microphones, dtype=float),
+            scale=scale,
+            reflection=reflection,
+            reach=reach,
+        )
     size = scale * np.array(room.size)
     walls = reflection.reshape(3, 2)
     origin = scale * np.asarray(source, dtype=float)
@@ -121,7 +127,7 @@ def _plan_and_height(
     reflection: Array,
     reach: float,
 ) -> tuple[Array, Array, Array]:
-    """Return the images in a room of any outline: one, those on its plan, those of floor and ceiling.
+    """Return the images in a room of any outline: one, those on its plan, floor and ceiling.
 
     Args:
         room: the room.
