@@ -1,16 +1,20 @@
 """The intervals of walls hold the truth as often as they say; grids leave what grids leave."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from echolearn.acoustics.geometry import circular_array
-from echolearn.acoustics.types import Array, Echoes, Probe
+from echolearn.acoustics.bistatic import echo_direction, echo_path, wall_distance, wall_points
+from echolearn.acoustics.geometry import circular_array, direction
+from echolearn.acoustics.types import Array, Echoes, MicArray, Probe
 from echolearn.mapping.accuracy import Accuracy, accuracy_of
-from echolearn.mapping.uncertainty import Sightings, measured
+from echolearn.mapping.uncertainty import Sightings, _Wall, measured
 from echolearn.mapping.walls import Line, fit
 from wall_coverage import shares, trials
 
 LAG = Accuracy().lag
+BURST = Probe(np.random.default_rng(0).standard_normal(1500), 22050.0, 20000)
 CELL = np.array([LAG, Accuracy().azimuth]) / np.sqrt(12)
 
 
@@ -55,6 +59,57 @@ def test_a_robot_that_turns_or_walks_averages_them() -> None:
     assert walked.normal_sd < turned.normal_sd and walked.offset_sd < CELL[0] / 2
     assert walked.offset == pytest.approx(2.0, abs=3 * walked.offset_sd)
     assert seen_from(places, headings, sd=0.05).offset_sd == pytest.approx(0.05 / 40**0.5, rel=0.2)
+
+
+ASIDE = MicArray(circular_array(radius=0.1).positions + [0.45, 0.0, 0.0])
+"""A ring far ahead of its loudspeaker."""
+
+
+def test_a_robot_whose_array_is_aside_sees_walls_turn_more_or_less_than_they_do() -> None:
+    """Rounded to the grid of directions, no echo misses its wall by more than half a cell of it; by
+    the wall's own azimuth, those ahead would by a fifth more, as the array is nearer to them."""
+    headings = np.random.default_rng(0).uniform(-0.4, 0.4, 200)
+    accuracy = accuracy_of(BURST, ASIDE, azimuths=180, speed_of_sound=343.0)
+    away = np.full(200, 1.1)
+    x, y, _ = echo_direction(away, direction(-headings, np.pi / 2), array=ASIDE).T
+    bearing = accuracy.azimuth * np.round(np.arctan2(y, x) / accuracy.azimuth)
+    path = echo_path(away, direction(-headings, np.pi / 2), array=ASIDE)
+    points = wall_points(
+        path / 343.0,
+        bearing,
+        np.full(200, np.pi / 2),
+        position=np.zeros((200, 2)),
+        heading=headings,
+        array=ASIDE,
+    )
+    seen = Sightings(points, np.zeros((200, 2)), headings, np.zeros(200), np.zeros(200))
+    ends = np.array([[1.1, -1.0], [1.1, 1.0]])
+    wall = Line(*ends, 0.0, 1.1, 1.0, 1.0, 1.0, 200, np.arange(200))
+    misses = np.abs(_Wall.of(wall, seen, accuracy=accuracy).azimuth_misses(np.zeros(1)))
+    assert misses.max() == pytest.approx(accuracy.azimuth / 2, rel=0.03)
+    centred = replace(accuracy, centre=(0.0, 0.0))
+    plain = np.abs(_Wall.of(wall, seen, accuracy=centred).azimuth_misses(np.zeros(1)))
+    assert plain.max() < 0.87 * misses.max()
+    found = measured(wall, seen, accuracy=accuracy)
+    assert found.offset == pytest.approx(1.1, abs=3 * found.offset_sd)
+
+
+def test_beside_its_loudspeaker_an_array_has_a_lever_on_distances() -> None:
+    """Of a wall to the left of an array 0.45 m ahead an error of direction is one of distance."""
+    echoes = Echoes(
+        *np.array([[0.008] * 2, [1.0] * 2, [1.0] * 2, [0.0, 1.5], [1.571] * 2, [0.0] * 2])
+    )
+    accuracy = accuracy_of(BURST, ASIDE, azimuths=180, speed_of_sound=343.0)
+    distance, azimuth = accuracy.of_echoes(echoes)
+    step = 1e-4
+    far, near = (
+        wall_distance(echoes.toa, direction(echoes.azimuth + turn, 1.571), array=ASIDE)
+        for turn in (step, -step)
+    )
+    slope = (far - near) / (2 * step)
+    expected = np.hypot(accuracy.lag / np.sqrt(12), slope * azimuth)
+    assert distance == pytest.approx(expected, rel=0.1)
+    assert distance[1] > 1.3 * distance[0]
 
 
 def test_an_error_of_all_headings_is_not_averaged() -> None:
