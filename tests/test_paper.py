@@ -28,6 +28,7 @@ from echolearn.localization.features import peak_columns
 from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.gated import Gated
+from echolearn.localization.methods.joint import Joint
 from echolearn.localization.methods.snls import Snls
 from echolearn.mapping.echo_map import echo_map
 from echolearn.simulation.levels import NoiseLevels
@@ -259,6 +260,7 @@ def walked() -> Walked:
         (Gated, 0.0, 0.93, 1.15),
         (Gated, -5.0, 0.85, 1.08),
         (Gated, -10.0, 0.38, 0.65),
+        (Joint, -10.0, 0.85, 1.05),
     ],
 )
 def test_the_papers_direction_loses_the_map_that_the_gated_one_keeps(
