@@ -135,6 +135,23 @@ def check_fields(name: str, owner: object, *, ranges: Mapping[str, Range]) -> No
                 check_number(f"{name}.{field}", value, low=low, high=high, unit=unit)
 
 
+def check_range(name: str, limits: Sequence[float], bounds: Range) -> None:
+    """Raise `BadValue` unless `limits` are two ordered numbers within bounds.
+
+    Args:
+        name: dotted name of the argument.
+        limits: lowest and highest.
+        bounds: least and largest value of both, and their unit if they have one.
+    """
+    allowed = "must be two numbers, lowest first"
+    check_list(name, limits, length=2, allowed=allowed)
+    low, high, unit = (*bounds, "")[:3]
+    for value in limits:
+        check_number(name, value, low=low, high=high, unit=unit)
+    ascending = limits[0] <= limits[1]
+    check(ascending, name, list(limits), allowed=allowed, hint="are they swapped?")
+
+
 def check_name(name: str, value: object) -> None:
     """Raise `BadValue` unless `value` can name a folder that everybody sees."""
     text = value if isinstance(value, str) else ""

@@ -24,6 +24,9 @@ def configured(path, scene):
     content: dict[str, Any] = yaml.safe_load(path.read_text())
     kind = GridPlan if content.pop("_target_").endswith("GridPlan") else ScatteredPlan
     content.pop("defaults", None)
+    # Both are chosen by another group, which is clean by default.
+    content.pop("realism")
+    content["name"] = content["name"].removesuffix("${realism.suffix}")
     scene = scene if content["sdnr_db"] is None else replace(scene, diffuse=Diffuse(Rotor()))
     for key, noun in (("room", Room), ("window", SearchWindow)):
         if key in content:

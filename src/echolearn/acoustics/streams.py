@@ -12,6 +12,7 @@ import numpy as np
 KEYS: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
     "observation": ((), ()),
     "noise alone": ((), (1,)),
+    "realism": ((), (2,)),
     "place": ((0,), ()),
     "fault": ((1,), ()),
     "trial": ((2,), ()),
@@ -19,7 +20,7 @@ KEYS: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
     "burst": ((4,), ()),
     "stretch": ((5,), ()),
 }
-"""What stands before and after the index in the key of each purpose. The first two belong to sets
+"""What stands before and after the index in the key of each purpose. The first three belong to sets
 and surveys (index: row or pose), the others to studies (index: place or trial), which never share a
 seed's streams with them."""
 

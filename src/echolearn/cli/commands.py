@@ -57,7 +57,7 @@ def _survey(config: "Config") -> Path:
     return survey(
         levels=NoiseLevels(config["snr_db"], config["sdnr_db"], config["pings"]),
         runs=Path(config["runs"]),
-        **_built(config, "name room scene poses start seed noise_seconds command"),
+        **_built(config, "name room scene poses start seed noise_seconds realism command"),
     )
 
 

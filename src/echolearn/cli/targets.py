@@ -30,6 +30,7 @@ KINDS = {
     "noise": "echolearn.acoustics.types.Noise",
     "plan": "echolearn.dataset.plans.Plan",
     "probe": "echolearn.acoustics.types.Probe",
+    "realism": "echolearn.simulation.realism.Realism",
     "rir": "echolearn.acoustics.rooms.Responder",
     "room": "echolearn.acoustics.polygon_room.AnyRoom",
     "scene": "echolearn.simulation.scene.Scene",

@@ -7,8 +7,8 @@ the search window, so a classifier can memorise times of arrival instead of judg
 scattered positions leave nothing to memorise.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -26,10 +26,13 @@ from echolearn.checks import (
     check_list,
     check_name,
     check_number,
+    check_range,
 )
 from echolearn.localization.localizer import Localizer
 from echolearn.simulation.levels import NoiseLevels
+from echolearn.simulation.realism import Realism
 from echolearn.simulation.scene import Scene
+from echolearn.storage.identity import LATER
 
 ROLES = ("training", "grid", "test")
 """What a set is for: `training` classifiers that are to be used; `grid`, positions on a grid as in
@@ -60,6 +63,7 @@ class Spot:
         levels: levels of the noises, and how many recordings are averaged.
         group: number of the position, which several rows may share.
         gain_db: gain of the recording.
+        drawn: what is not ideal about it, by name.
     """
 
     room: AnyRoom
@@ -67,6 +71,7 @@ class Spot:
     levels: NoiseLevels
     group: int
     gain_db: float = 0.0
+    drawn: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -90,6 +95,7 @@ class GridPlan:
         sdnr_db: range of a uniform SDNR per row if the scene has diffuse noise, else None.
         pings: number of recordings averaged for each row; the levels are those of one.
         role: what the set is for, see `ROLES`; no row depends on it.
+        realism: ranges of what is not ideal; each row draws its own.
     """
 
     name: str
@@ -107,6 +113,7 @@ class GridPlan:
     sdnr_db: tuple[float, float] | None = None
     pings: int = 1
     role: str = "grid"
+    realism: Realism = field(default=Realism(), metadata=LATER)
 
     def __post_init__(self) -> None:
         hint = "the paper's grid has 0.5 m"
@@ -172,6 +179,7 @@ class ScatteredPlan:
         sdnr_db: range of a uniform SDNR if the scene has diffuse noise, else None.
         pings: number of recordings averaged for each row; the levels are those of one.
         role: what the set is for, see `ROLES`; no row depends on it.
+        realism: ranges of what is not ideal; each row draws its own.
     """
 
     name: str
@@ -191,12 +199,13 @@ class ScatteredPlan:
     sdnr_db: tuple[float, float] | None = None
     pings: int = 1
     role: str = "training"
+    realism: Realism = field(default=Realism(), metadata=LATER)
 
     def __post_init__(self) -> None:
         for name, size in (("size_low", self.size_low), ("size_high", self.size_high)):
             check_list(f"plan.{name}", size, length=3, allowed="must be three lengths in m")
         for limits in zip(self.size_low, self.size_high, strict=True):
-            _check_range("plan.size_low", limits, (0.5, 200.0, "m"))
+            check_range("plan.size_low", limits, (0.5, 200.0, "m"))
         _check_common(self)
 
         # Wherever it turns, the array must stay inside the smallest room, and a room must exist.
@@ -232,7 +241,9 @@ def _check_common(plan: Plan, snr_levels: Sequence[float] | None = None) -> None
     check_fields("plan", plan, ranges=RANGES)
     for name, limits in vars(plan).items():
         if name in DRAWN and limits is not None:
-            _check_range(f"plan.{name}", limits, DRAWN[name])
+            check_range(f"plan.{name}", limits, DRAWN[name])
+
+    plan.realism.check_scene(plan.scene)
 
     # One row speaks for all: either each has a noise at some level, or none has it.
     snr_db, *_ = plan.snr_db or snr_levels or (None,)
@@ -243,17 +254,6 @@ def _check_common(plan: Plan, snr_levels: Sequence[float] | None = None) -> None
         raise BadValue(f"plan.{error}") from None
     rate = plan.scene.probe.sample_rate
     plan.window.lags(plan.scene.array, rate, speed_of_sound=plan.scene.speed_of_sound)
-
-
-def _check_range(name: str, limits: tuple[float, float], bounds: tuple[float, float, str]) -> None:
-    """Raise `BadValue` unless `limits` are two ordered numbers within bounds, given with a unit."""
-    allowed = "must be two numbers, lowest first"
-    check_list(name, limits, length=2, allowed=allowed)
-    low, high, unit = bounds
-    for value in limits:
-        check_number(name, value, low=low, high=high, unit=unit)
-    ascending = limits[0] <= limits[1]
-    check(ascending, name, list(limits), allowed=allowed, hint="are they swapped?")
 
 
 def _uniform(limits: tuple[float, float] | None, rng: np.random.Generator) -> float | None:

@@ -58,19 +58,21 @@ def records(plan: Plan, rows: range) -> Array:
     for row in rows:
         rng = stream(plan.seed, "observation", row)
         spot = plan.spot(row, rng)
+        real, drawn = plan.realism.scene(scene, stream(plan.seed, "realism", row))
+        spot = replace(spot, gain_db=spot.gain_db + drawn.get("gain_db", 0.0), drawn=drawn)
 
-        # Responses take most of the time; successive rows of one position share them.
-        if not spots or spot.group != spots[-1].group:
+        # Responses take most of the time; successive rows of one position share them if they can.
+        if drawn or not spots or spot.group != spots[-1].group:
             check_inside(spot.room, spot.pose, array=scene.array)
-            received = scene.received(spot.room, spot.pose)
-        recorded = add_noise(received, scene, levels=spot.levels, rng=rng, gain_db=spot.gain_db)
+            received = real.received(spot.room, spot.pose)
+        recorded = add_noise(received, real, levels=spot.levels, rng=rng, gain_db=spot.gain_db)
         spots.append(spot)
         samples.append(recorded)
 
     observation = Observation(np.stack(samples), scene.probe, scene.array, scene.speed_of_sound)
     if plan.localizer.whiten:
         rng = stream(plan.seed, "noise alone", rows[0])
-        observation = _with_noise(observation, spots[0], scene=scene, rng=rng)
+        observation = _with_noise(observation, spots[0], scene=real, rng=rng)
 
     echoes, columns = localize(observation, plan.localizer)
     estimates = np.stack([echoes.toa, echoes.azimuth, echoes.elevation], axis=-1)
@@ -106,6 +108,7 @@ def _context(spot: Spot) -> dict[str, Any]:
         context["sdnr_db"] = levels.sdnr_db
     if levels.pings > 1:
         context["pings"] = levels.pings
+    context.update(spot.drawn)
     return context | {
         "gain_db": spot.gain_db,
         "t60": spot.room.t60,

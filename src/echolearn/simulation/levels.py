@@ -9,7 +9,8 @@ Several pings at a pose are averaged sample by sample, (1/K) sum_k y_k: the echo
 are, while noises that are independent from ping to ping keep 1/K of their power, 3 dB less for each
 doubling of K. Levels are those of one ping. The mean of K independent draws of N(0, v) is
 N(0, v / K), and draws that are independent over time and microphones have independent means: for
-white noise one draw of 1/K the power *is* the mean of K in distribution, and it is what is drawn.
+Gaussian noise that is independent from ping to ping one draw of 1/K the power *is* the mean of K in
+distribution, and it is what is drawn.
 Of any other noise K are drawn, each at its level.
 """
 
@@ -21,6 +22,7 @@ import numpy as np
 from echolearn.acoustics import signals
 from echolearn.acoustics.types import Array, MicArray, Noise
 from echolearn.checks import check, check_number, check_whole
+from echolearn.simulation.noise.coloured import Coloured
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.scene import Scene
 
@@ -102,7 +104,7 @@ def noises(
 
 def _mean(noise: Noise, array: MicArray, *, pings: int, **draw: Any) -> Array:
     """Return the mean of independent draws of a noise, one for each ping, shape (M, N)."""
-    # Gaussian samples that are all independent have a mean that can be drawn at once: the header.
-    if isinstance(noise, White):
+    # Gaussian noise has a mean that can be drawn at once: the header.
+    if isinstance(noise, White | Coloured):
         return noise(array, **draw) / np.sqrt(pings)
     return sum((noise(array, **draw) for _ in range(pings)), start=np.zeros(())) / pings

@@ -24,6 +24,7 @@ from echolearn.runtime.progress import track
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import noise_alone, observe
+from echolearn.simulation.realism import Realism
 from echolearn.simulation.scene import Scene, noise_kind
 from echolearn.simulation.walk import trajectory
 from echolearn.storage import journal
@@ -54,6 +55,7 @@ def survey(
     start: float = 0.6,
     seed: int = 0,
     noise_seconds: float | None = None,
+    realism: Realism | None = None,
     runs: Path,
     command: str | None = None,
 ) -> Path:
@@ -69,6 +71,8 @@ def survey(
         seed: of the noise; pose p draws from `SeedSequence(seed, spawn_key=(p,))`.
         noise_seconds: length of `noise.wav`, the noise alone at the first pose, as loud as what is
             left in a mean of several pings; 0 for none; None for 5 s of noise that is not white.
+        realism: ranges of what is not ideal: the robot is drawn once, walls and clutter anew at
+            every pose; None is a clean world.
         runs: folder of everything generated.
         command: what makes the survey again, for the manifest; None says nothing about it.
 
@@ -82,8 +86,20 @@ def survey(
     walk = _walk(room, scene, poses=poses, start=start)
     origin = {"room": room, "scene": scene, "walk": walk, "seed": seed} | _given(levels)
     alone = {"noise_seconds": seconds} if seconds else {}
-    about = {"kind": "survey", "made_from": plain(origin | alone)}
-    record = partial(_record, room, walk, scene=scene, levels=levels, seed=seed, seconds=seconds)
+    realism = realism or Realism()
+    realism.check_scene(scene)
+    flawed = {} if realism.clean else {"realism": realism}
+    about = {"kind": "survey", "made_from": plain(origin | alone | flawed)}
+    record = partial(
+        _record,
+        room,
+        walk,
+        scene=scene,
+        levels=levels,
+        seed=seed,
+        seconds=seconds,
+        realism=realism,
+    )
     folder = Path(runs) / "survey" / name
     return made_once(folder, about, begun=BEGUN, contents=record, command=command)
 
@@ -145,20 +161,30 @@ def _record(
     levels: NoiseLevels,
     seed: int,
     seconds: float,
+    realism: Realism,
 ) -> Iterator[journal.Content]:
     """Yield the files of a survey one after the other, each as its name and what makes it."""
     probe = scene.probe
 
+    def real(index: int) -> tuple[Scene, dict[str, float]]:
+        """Return the scene of a pose, and what was drawn for it."""
+        rng = stream(seed, "realism", index)
+        return realism.scene(scene, rng, robot=stream(seed, "realism", 0))
+
     def alone() -> bytes:
         """Return the noise alone at the first pose, as a file."""
         rng = stream(seed, "noise alone", 0)
-        noise = noise_alone(room, walk[0], scene=scene, seconds=seconds, levels=levels, rng=rng)
+        there, drawn = real(0)
+        noise = noise_alone(room, walk[0], scene=there, seconds=seconds, levels=levels, rng=rng)
+        noise = noise * 10.0 ** (drawn.get("gain_db", 0.0) / 20.0)
         return audio.wav_bytes(noise, probe.sample_rate)
 
     def recording(index: int, pose: Pose) -> bytes:
         """Return what is recorded at a pose, as a file."""
         rng = stream(seed, "observation", index)
-        observation, _ = observe(room, pose, scene=scene, levels=levels, rng=rng)
+        there, drawn = real(index)
+        gain_db = drawn.get("gain_db", 0.0)
+        observation, _ = observe(room, pose, scene=there, levels=levels, rng=rng, gain_db=gain_db)
         return audio.wav_bytes(observation.samples, probe.sample_rate)
 
     if seconds:

@@ -1,0 +1,168 @@
+"""A scene that is not ideal: the responses that follow from drawn imperfections.
+
+An ideal response h_m is split by linearity into the direct path d_m, the first-order echo e_wm of
+each wall and the rest; each part has a filter of its own, and clutter is added:
+
+    h'_m = mic_m * (D_m d_m + sum_w A_w R_w e_wm + B R_0 rest_m + clutter_m)
+    x_m  = s * loudspeaker * h'_m
+
+R are the clusters that rough walls make of a pulse; A, B, D leave a share of the high frequencies:
+what the loudspeaker sends in a direction, times what reflections leave of it. In the rest these
+are one for each mean free path 4 V / S that sound has gone, so its highs decay faster.
+
+Small rigid spheres at r_1 from the loudspeaker and r_2 from a microphone scatter, a their radius,
+a / 2 / (4 pi r_1 r_2) to all sides alike (Morse and Ingard, Theoretical Acoustics, section 8.2, far
+above k a = 1, without the shadow).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import fft
+
+from echolearn.acoustics import signals
+from echolearn.acoustics.geometry import turned
+from echolearn.acoustics.polygon_room import AnyRoom
+from echolearn.acoustics.types import Array, Pose
+from echolearn.simulation.arrivals import Arrivals
+from echolearn.simulation.imperfections import Imperfections
+from echolearn.simulation.kernels import low_pass
+from echolearn.simulation.scene import Scene
+from echolearn.simulation.ways import first_ways, free_path, ways_out
+
+AHEAD = 128
+"""Samples before time 0 that are kept until the loudspeaker's delay is taken off."""
+
+REACH = 6.0
+"""Metres to the farthest clutter."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImperfectScene(Scene):
+    """What an estimator is told of it is ideal; what is recorded has imperfections.
+
+    Attributes:
+        imperfections: those of one recording.
+    """
+
+    imperfections: Imperfections | None = None
+
+    @cached_property
+    def direct(self) -> Array:
+        """Direct path at the microphones as calibration knows it, shape (M, N)."""
+        places = self.array.positions + self._flaws.offsets
+        arrivals = self._direct(places)
+        response = np.zeros((len(self.array), int(arrivals.delay.max()) + AHEAD))
+        arrivals.add(response, sample_rate=self.probe.sample_rate)
+        return (1.0 - self._flaws.drawn["residual"]) * self._recorded(response)
+
+    def received(self, room: AnyRoom, pose: Pose) -> Array:
+        """Return the probe as received, without noise, shape (M, N)."""
+        source = np.asarray(pose.position, dtype=float)
+        places = turned(self.array.positions + self._flaws.offsets, pose.heading)
+        response = self.rir(
+            room,
+            source,
+            source + places,
+            sample_rate=self.probe.sample_rate,
+            speed_of_sound=self.speed_of_sound,
+        )
+
+        # What arrives once or not at all is told apart from the rest, and changed for itself.
+        single = self._direct(places).beside(self._walls(room, pose, places))
+        single.subtract(response)
+        response = self._rest(response, room)
+        clutter = self._clutter(room, pose, places)
+        single.beside(clutter).add(response, sample_rate=self.probe.sample_rate)
+        return self._recorded(response)
+
+    @property
+    def _flaws(self) -> Imperfections:
+        """The imperfections, which every such scene has."""
+        assert self.imperfections is not None
+        return self.imperfections
+
+    @property
+    def _scale(self) -> float:
+        """Samples per metre."""
+        return self.probe.sample_rate / self.speed_of_sound
+
+    def _direct(self, places: Array) -> Arrivals:
+        """Return the direct path to microphones at places (M, 3) about the loudspeaker."""
+        distance = np.linalg.norm(places, axis=-1)[None]
+        # Which of them it faces does not depend on how the robot is turned.
+        highs = self._flaws.sent(self.array.positions)[None]
+        return self._arrivals(distance, highs=highs, clusters=np.ones((1, 1)))
+
+    def _walls(self, room: AnyRoom, pose: Pose, places: Array) -> Arrivals:
+        """Return the first-order echoes of a room's walls.
+
+        Args:
+            room, pose: where.
+            places: of the microphones about the loudspeaker, in the room's frame, shape (M, 3).
+        """
+        source = np.asarray(pose.position, dtype=float)
+        toward, way, reflection = first_ways(
+            room, source, source + places, speed_of_sound=self.speed_of_sound
+        )
+        # A room of more walls than six has some that are alike.
+        wall = np.arange(len(toward)) % len(self._flaws.dulling)
+        highs = self._flaws.sent(turned(toward, -pose.heading)) * self._flaws.dulling[wall]
+        echoes = self._arrivals(way, highs=highs[:, None], clusters=self._flaws.clusters[wall])
+        return echoes.scaled(reflection)
+
+    def _clutter(self, room: AnyRoom, pose: Pose, places: Array) -> Arrivals:
+        """Return what scatterers in the room send back; arguments as those of `_walls`."""
+        flaws = self._flaws
+        toward = turned(flaws.scatterers, pose.heading)
+        farthest = np.minimum(ways_out(room, pose.position, toward), REACH)
+        there = (farthest * flaws.ways)[:, None]
+        back = np.linalg.norm(there[..., None] * toward[:, None] - places, axis=-1)
+        arrivals = self._arrivals(
+            there + back,
+            highs=flaws.sent(flaws.scatterers)[:, None],
+            clusters=np.ones((len(there), 1)),
+        )
+        # From 1 / (4 pi way) to 1 / (4 pi there back), times the sphere.
+        wider = (there + back) / (there * back)
+        return arrivals.scaled(flaws.drawn["scatterer_radius"] / 2.0 * wider)
+
+    def _arrivals(self, distance: Array, *, highs: Array, clusters: Array) -> Arrivals:
+        """Return arrivals by their ways in m, shape (P, M), of gain 1 / (4 pi way)."""
+        return Arrivals(
+            delay=distance * self._scale,
+            gain=1.0 / (4.0 * np.pi * distance),
+            highs=np.broadcast_to(highs, distance.shape),
+            clusters=clusters,
+        )
+
+    def _rest(self, response: Array, room: AnyRoom) -> Array:
+        """Return all that is reflected more than once, shape (M, K), as rough walls leave it."""
+        from echolearn.simulation.fir_loops import filtered
+
+        reflections = np.arange(response.shape[1]) / self._scale / free_path(room)
+        left = self._flaws.dulling.mean() ** reflections
+        share = (1.0 - self._flaws.drawn["directivity"] / 2.0) * left
+        taps = low_pass(self.probe.sample_rate)
+        low = filtered(response, taps[None], ahead=len(taps) // 2)
+        return filtered(low + share * (response - low), self._flaws.clusters[-1:])
+
+    def _recorded(self, response: Array) -> Array:
+        """Return the probe as loudspeaker, response (M, K) and microphones make it, (M, N)."""
+        from echolearn.simulation.fir_loops import filtered
+
+        heard = filtered(response, self._flaws.microphones)
+        length = self.probe.length + AHEAD
+        return signals.convolve(self._emitted, heard, length=length)[:, AHEAD:]
+
+    @cached_property
+    def _emitted(self) -> Array:
+        """The burst as the loudspeaker plays it, `AHEAD` samples late."""
+        loudspeaker = self._flaws.loudspeaker
+        late = AHEAD + self._flaws.drawn["latency_samples"] - np.argmax(np.abs(loudspeaker))
+        length = len(self.probe.samples) + len(loudspeaker) + 2 * AHEAD
+        size = fft.next_fast_len(length, real=True)
+        delay = np.exp(-2j * np.pi * fft.rfftfreq(size) * late)
+        spectrum = fft.rfft(self.probe.samples, size) * fft.rfft(loudspeaker, size)
+        return fft.irfft(spectrum * delay, size)

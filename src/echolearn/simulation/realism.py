@@ -1,0 +1,210 @@
+"""How much a simulated robot and its room differ from ideal ones: ranges, one draw for each row.
+
+    Realism --draw--> Imperfections --> a `Scene` whose responses have them
+
+The simulator's walls are mirrors, its rooms empty, its microphones equal, its loudspeaker without a
+response. Each field here is the range of one departure from that, uniform between its two ends; a
+range of (0, 0) leaves the departure out, and all of them are so by default. Where the defaults of
+`conf/realism/measured.yaml` come from is in docs/realism.md. How sound is changed is in
+`imperfections`.
+
+**Truth stays geometric**: the first-order echo of a plain wall, at microphone 1 where the robot
+believes it to be. The loudspeaker's group delay is taken off, as a calibration by the direct path
+does that finds its largest peak; `latency_samples` is what such a calibration leaves.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from echolearn.acoustics.types import Array
+from echolearn.checks import Range, check, check_range
+from echolearn.simulation.imperfect_scene import ImperfectScene
+from echolearn.simulation.imperfections import Imperfections
+from echolearn.simulation.kernels import band_db, clusters, minimum_phase, ripple
+from echolearn.simulation.noise.coloured import Coloured
+from echolearn.simulation.noise.white import White
+from echolearn.simulation.scene import Scene
+
+BOUNDS: dict[str, Range] = {
+    "spread": (0.0, 0.01, "s"),
+    "scattering": (0.0, 1.0),
+    "absorption_db": (0.0, 40.0, "dB"),
+    "scatterers": (0.0, 200.0),
+    "scatterer_radius": (0.0, 1.0, "m"),
+    "microphone_db": (0.0, 10.0, "dB"),
+    "microphone_ripple_db": (0.0, 10.0, "dB"),
+    "microphone_offset": (0.0, 0.02, "m"),
+    "loudspeaker_low": (0.0, 5_000.0, "Hz"),
+    "loudspeaker_high": (0.0, 100_000.0, "Hz"),
+    "loudspeaker_ripple_db": (0.0, 20.0, "dB"),
+    "directivity": (0.0, 1.0),
+    "latency_samples": (-100.0, 100.0, "samples"),
+    "residual": (0.0, 1.0),
+    "gain_db": (-100.0, 100.0, "dB"),
+    "coloured": (0.0, 1.0),
+    "colour_hz": (0.0, 10_000.0, "Hz"),
+}
+"""Least and largest value of each range, with its unit."""
+
+MICROPHONE_TAPS = 16
+"""Length of a microphone's own response."""
+
+NEAREST_WAY = 0.3
+"""Least share of the way to the wall at which there is clutter."""
+
+Limits = tuple[float, float]
+
+NONE: Limits = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Realism:
+    """Ranges of what is not ideal.
+
+    Attributes:
+        suffix: ends the names of sets and surveys, so that they stand beside the clean ones.
+        spread: time over which a rough wall spreads an echo, in s.
+        scattering: share of an echo's energy that is spread, the scattering coefficient; the rest
+            arrives at once.
+        absorption_db: how much more of high frequencies (`kernels.CROSSOVER`) a reflection takes.
+        scatterers: number of rigid spheres about, which make clutter.
+        scatterer_radius: of each of them, in m.
+        microphone_db: standard deviation of the microphones' gains, in dB.
+        microphone_ripple_db: standard deviation of each one's own response over frequency, in dB.
+        microphone_offset: standard deviation of each coordinate of a microphone, in m.
+        loudspeaker_low, loudspeaker_high: corners of its band, in Hz, 12 dB an octave; 0 is none.
+        loudspeaker_ripple_db: standard deviation of its response within the band, in dB.
+        directivity: of the loudspeaker at high frequencies, 0 a sphere, 1 a cardioid, which turns
+            its back on a direction that is drawn, in the horizontal plane.
+        latency_samples: by which all that is recorded is late, beyond what calibration knows.
+        residual: share of the direct path's amplitude that its subtraction leaves.
+        gain_db: of the recording, beside the plan's.
+        coloured: share of the white sensor noise's power that is coloured instead.
+        colour_hz: corner above which coloured noise falls by 6 dB an octave, in Hz.
+    """
+
+    suffix: str = ""
+    spread: Limits = NONE
+    scattering: Limits = NONE
+    absorption_db: Limits = NONE
+    scatterers: Limits = NONE
+    scatterer_radius: Limits = NONE
+    microphone_db: Limits = NONE
+    microphone_ripple_db: Limits = NONE
+    microphone_offset: Limits = NONE
+    loudspeaker_low: Limits = NONE
+    loudspeaker_high: Limits = NONE
+    loudspeaker_ripple_db: Limits = NONE
+    directivity: Limits = NONE
+    latency_samples: Limits = NONE
+    residual: Limits = NONE
+    gain_db: Limits = NONE
+    coloured: Limits = NONE
+    colour_hz: Limits = NONE
+
+    def __post_init__(self) -> None:
+        allowed = "must be the end of a name, such as _measured"
+        check(isinstance(self.suffix, str), "realism.suffix", self.suffix, allowed=allowed)
+        for name, bounds in BOUNDS.items():
+            limits = getattr(self, name)
+            check_range(f"realism.{name}", limits, bounds)
+            object.__setattr__(self, name, tuple(map(float, limits)))
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing is drawn."""
+        return all(getattr(self, name) == NONE for name in BOUNDS)
+
+    def check_scene(self, scene: Scene) -> None:
+        """Raise `BadValue` where noise is to be coloured that is not white."""
+        fits = self.coloured == NONE or isinstance(scene.noise, White)
+        allowed = "must be [0, 0] where the sensor noise is not white"
+        check(fits, "realism.coloured", list(self.coloured), allowed=allowed)
+
+    def draw(
+        self, scene: Scene, rng: np.random.Generator, *, robot: np.random.Generator | None = None
+    ) -> Imperfections:
+        """Draw the imperfections of one recording.
+
+        No draw depends on how wide the range of another is: each part has a generator of its own.
+
+        Args:
+            scene: the ideal one.
+            rng: draws them.
+            robot: draws what stays the same from pose to pose of a walk, all numbers and the
+                robot's own parts; None: `rng` does.
+        """
+        here = rng.spawn(5)
+        numbers, _, _, microphones, loudspeaker = robot.spawn(5) if robot else here
+        _, walls, room, _, _ = here
+        low, high = np.array([getattr(self, name) for name in BOUNDS]).T
+        drawn = dict(zip(BOUNDS, numbers.uniform(low, high).tolist(), strict=True))
+        rate = scene.probe.sample_rate
+        facing = loudspeaker.uniform(0.0, 2.0 * np.pi)
+        count = round(drawn["scatterers"])
+        return Imperfections(
+            drawn=drawn,
+            dulling=10.0 ** (-drawn["absorption_db"] * walls.uniform(0.0, 2.0, 6) / 20.0),
+            clusters=clusters(
+                7, spread=drawn["spread"] * rate, scattering=drawn["scattering"], rng=walls
+            ),
+            scatterers=_directions(count, room),
+            ways=room.uniform(NEAREST_WAY, 1.0, count),
+            facing=np.array([np.cos(facing), np.sin(facing), 0.0]),
+            offsets=drawn["microphone_offset"] * microphones.standard_normal((len(scene.array), 3)),
+            microphones=_microphones(drawn, len(scene.array), sample_rate=rate, rng=microphones),
+            loudspeaker=_loudspeaker(drawn, sample_rate=rate, rng=loudspeaker),
+        )
+
+    def scene(
+        self, scene: Scene, rng: np.random.Generator, *, robot: np.random.Generator | None = None
+    ) -> tuple[Scene, dict[str, float]]:
+        """Return a scene with the imperfections of one recording, and what was drawn by name.
+
+        The same scene and nothing where everything is clean.
+
+        Args:
+            scene, rng, robot: as those of `draw`.
+        """
+        if self.clean:
+            return scene, {}
+        flaws = self.draw(scene, rng, robot=robot)
+        own = {field.name: getattr(scene, field.name) for field in fields(scene)}
+        if flaws.drawn["coloured"] > 0:
+            own["noise"] = Coloured(flaws.drawn["coloured"], flaws.drawn["colour_hz"])
+        return ImperfectScene(**own, imperfections=flaws), dict(flaws.drawn)
+
+
+def _directions(count: int, rng: np.random.Generator) -> Array:
+    """Draw unit vectors, as many on each side, shape (count, 3)."""
+    vectors = rng.standard_normal((count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def _microphones(
+    drawn: Mapping[str, float], count: int, *, sample_rate: float, rng: np.random.Generator
+) -> Array:
+    """Draw the responses of microphones, shape (count, MICROPHONE_TAPS).
+
+    Args:
+        drawn: deviations of gains and responses, in dB.
+        count: number of microphones.
+        sample_rate: in Hz.
+        rng: draws them.
+    """
+    gain = 10.0 ** (drawn["microphone_db"] * rng.standard_normal((count, 1)) / 20.0)
+    own = ripple(count, drawn["microphone_ripple_db"], sample_rate=sample_rate, rng=rng)
+    return gain * minimum_phase(own)[:, :MICROPHONE_TAPS]
+
+
+def _loudspeaker(
+    drawn: Mapping[str, float], *, sample_rate: float, rng: np.random.Generator
+) -> Array:
+    """Draw the response of a loudspeaker, of energy 1, shape (T,)."""
+    level = ripple(1, drawn["loudspeaker_ripple_db"], sample_rate=sample_rate, rng=rng)[0]
+    low = drawn["loudspeaker_low"]
+    high = drawn["loudspeaker_high"]
+    response = minimum_phase(level + band_db(low, high, sample_rate=sample_rate))
+    return response / np.linalg.norm(response)
