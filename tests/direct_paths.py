@@ -1,10 +1,13 @@
 """What is left of echoes without the direct path? `python tests/direct_paths.py [poses] [page]`.
 
-A robot stands beside the walls of a simulated room, with faults that real ones have. Its recordings
+A robot stands beside the walls of a simulated room, with faults that real ones have. Or it hears
+the responses that come with echolearn (R3VIVAL, `survey/protocols.py`), with the direct sound and
+the metre of path after it as if the loudspeaker were carried in the middle of the array. Recordings
 are written as a survey that holds the direct path, examined, mended and read as `map` does, with
-each way to remove the direct path; `exact` is what only a simulation knows. Then `gated` localizes.
-Printed are the share of times within 10 samples of a wall's echo, and the share of echoes whose
-azimuth is right within 10 degrees besides, in %. A page gets the table between its markers.
+each way to remove the direct path; `exact` is what only who made them knows. Then `gated`
+localizes. Printed are the share of times within 10 samples of a wall's echo, and the share of
+echoes whose azimuth is right within 10 degrees besides, in %. A page gets the table between its
+markers.
 """
 
 import sys
@@ -20,16 +23,17 @@ from scipy import signal
 from echolearn.acoustics.geometry import SearchWindow, circular_array, microphone_positions, wrap
 from echolearn.acoustics.rooms import outline, true_echoes
 from echolearn.acoustics.signals import convolve, noise_probe, power
-from echolearn.acoustics.types import Array, Observation, Pose, Room, Truth
+from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Room, Truth
 from echolearn.localization.methods.gated import Gated
 from echolearn.simulation.rir.images import Images
 from echolearn.storage.marked_page import Markers, write_between
-from echolearn.survey import early
+from echolearn.survey import early, protocols
 from echolearn.survey.audio import wav_bytes
 from echolearn.survey.description import description_bytes
 from echolearn.survey.health import examine, mended
 from echolearn.survey.poses import poses_csv
 from echolearn.survey.reader import read_survey
+from echolearn.survey.sources.r3vival import R3vival
 from echolearn.survey.survey import Survey
 
 RATE = 22050.0
@@ -52,16 +56,20 @@ class Case(NamedTuple):
     """Recordings of one kind without noise.
 
     Attributes:
+        array: what records.
         received: with the direct path, shape (P, M, N).
         direct: the direct path and the robot's own body, the same shape or (M, N).
         truths: echoes of each pose.
         poses: where they were recorded.
+        mended: whether time zero is to be found; measured responses are aligned.
     """
 
+    array: MicArray
     received: Array
     direct: Array
     truths: list[Truth]
     poses: list[Pose]
+    mended: bool = True
 
 
 def places(count: int, rng: np.random.Generator) -> list[Pose]:
@@ -135,36 +143,63 @@ def case(changes: tuple[Change, ...], poses: list[Pose]) -> Case:
     for change in changes:
         both = [change(each) for each in both]
     received, direct = (convolve(PROBE.samples, each, length=PROBE.length) for each in both)
-    return Case(received, direct, [true_echoes(ROOM, pose, array=ARRAY) for pose in poses], poses)
+    truths = [true_echoes(ROOM, pose, array=ARRAY) for pose in poses]
+    return Case(ARRAY, received, direct, truths, poses)
 
 
-def write(folder: Path, samples: Array, poses: list[Pose]) -> Survey:
+def measured() -> Case:
+    """Return what a robot would record where responses were measured, as loud as 0.2 m away."""
+    source = R3vival(("000",)).read(None)
+    heard = []
+    alone = []
+    made = protocols.takes(source, "pose")
+    for take in made:
+        response = take.response
+        rng = np.random.default_rng(0)
+        late = protocols.recorded(take, source, probe=PROBE, snr_db=None, rng=rng)
+        samples = protocols.resampled(source, response.samples, RATE)
+        gate = (response.emitted + (response.distance + protocols.GATE) / 343.0) * RATE
+        early_part = np.where(np.arange(samples.shape[-1]) < gate, samples, 0.0)
+        away = np.linalg.norm(response.loudspeaker - source.array.positions, axis=1)
+        carried = np.linalg.norm(source.array.positions, axis=1)
+        earlier = -response.emitted * RATE - (away - carried) * RATE / 343.0
+        near = [protocols.moved(each, lag) for each, lag in zip(early_part, earlier, strict=True)]
+        gain = response.distance / protocols.CARRIED
+        direct = gain * convolve(PROBE.samples, np.array(near), length=PROBE.length)
+        heard.append(late + direct)
+        alone.append(direct)
+    truths = [take.truth(343.0) for take in made]
+    poses = [Pose(np.array([0.1 * number, 0.0, 1.4])) for number in range(len(made))]
+    return Case(source.array, np.array(heard), np.array(alone), truths, poses, mended=False)
+
+
+def write(folder: Path, samples: Array, each: Case) -> Survey:
     """Write recordings (P, M, N) as a survey that holds the direct path."""
     (folder / "observations").mkdir(parents=True)
     about = description_bytes(
-        ARRAY, PROBE, speed_of_sound=343.0, walls=outline(ROOM), conditions={}
+        each.array, PROBE, speed_of_sound=343.0, walls=outline(ROOM), conditions={}
     )
     (folder / "survey.yaml").write_bytes(about.replace(b"path: removed", b"path: present"))
     burst = np.pad(PROBE.samples, (0, PROBE.length - len(PROBE.samples)))
     (folder / "probe.wav").write_bytes(wav_bytes(burst, RATE))
-    names = [f"observations/{number}.wav" for number in range(len(poses))]
-    (folder / "poses.csv").write_bytes(poses_csv(poses, names))
-    for name, each in zip(names, samples, strict=True):
-        (folder / name).write_bytes(wav_bytes(each, RATE))
+    names = [f"observations/{number}.wav" for number in range(len(samples))]
+    (folder / "poses.csv").write_bytes(poses_csv(each.poses, names))
+    for name, recording in zip(names, samples, strict=True):
+        (folder / name).write_bytes(wav_bytes(recording, RATE))
     survey = read_survey(folder)
-    return mended(survey, examine(survey))
+    return mended(survey, examine(survey)) if each.mended else survey
 
 
-def all_lags(samples: Array, lags: tuple[int, int], *, joint: bool) -> Array:
+def all_lags(samples: Array, survey: Survey, *, joint: bool) -> Array:
     """Return recordings without their copies of the burst at early lags, all of them fitted.
 
     Args:
         samples: shape (P, M, N).
-        lags: as `early_lags` has them.
+        survey: tells which those are.
         joint: fit those up to the end of the search window as well, and leave them in.
     """
-    first, last = lags
-    end = SearchWindow().lags(ARRAY, RATE)[1] + 20 if joint else last
+    first, last = survey.early_lags(0)
+    end = SearchWindow().lags(survey.array, RATE)[1] + 20 if joint else last
     responses = early.early_responses(samples, PROBE, lags=(first, end), penalty=0.0)
     left = samples.copy()
     copies = convolve(
@@ -180,8 +215,8 @@ def without_direct(survey: Survey, way: str) -> Observation:
     if way in ("fir", "fitted", "analytic"):
         return replace(survey, direct=way).observe(every)
     samples = np.stack([survey.mended(pose) for pose in every])
-    left = all_lags(samples, survey.early_lags(0), joint=way == "joint")
-    return Observation(left, PROBE, ARRAY)
+    left = all_lags(samples, survey, joint=way == "joint")
+    return Observation(left, PROBE, survey.array)
 
 
 def right(observation: Observation, truths: list[Truth]) -> Array:
@@ -206,7 +241,7 @@ def shares(each: Case, folder: Path, *, seed: int = 0) -> dict[str, list[Array]]
     for snr_db in SNRS_DB:
         level = np.sqrt(power(each.received) * 10 ** (-snr_db / 10))[..., None]
         noisy = each.received + level * rng.standard_normal(each.received.shape)
-        survey = write(folder / str(snr_db), noisy, each.poses)
+        survey = write(folder / str(snr_db), noisy, each)
         for way in WAYS:
             if way == "exact":
                 exact = replace(survey, direct=None)
@@ -233,9 +268,10 @@ def report(count: int, seed: int = 0) -> str:
     head = ["recordings", "removed by", *(f"{snr_db} dB" for snr_db in SNRS_DB)]
     lines = [f"| {' | '.join(head)} |", "|---|---|" + "---|" * len(SNRS_DB)]
     poses = places(count, np.random.default_rng(seed))
-    for name, changes in CASES.items():
+    for name, changes in {**CASES, "measured": None}.items():
+        heard = measured() if changes is None else case(changes, poses)
         with TemporaryDirectory() as scratch:
-            table = shares(case(changes, poses), Path(scratch), seed=seed)
+            table = shares(heard, Path(scratch), seed=seed)
         for way, cells in table.items():
             texts = [f"{100 * times:.0f} / {100 * both:.0f}" for times, both in cells]
             lines.append(f"| {name} | {way} | {' | '.join(texts)} |")
@@ -247,7 +283,11 @@ def main(count: int = 100, page: str | None = None) -> None:
     table = report(count)
     print(table)
     if page:
-        write_between(Path(page), f"\n{table}\n\n{count} poses.\n", markers=MARKERS)
+        write_between(
+            Path(page),
+            f"\n{table}\n\n{count} poses; of measured responses all 90.\n",
+            markers=MARKERS,
+        )
 
 
 if __name__ == "__main__":
