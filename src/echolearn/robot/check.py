@@ -7,12 +7,12 @@ whoever asks stands beside the robot and has changed something.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from echolearn.acoustics.geometry import SearchWindow
 from echolearn.checks import BadValue, check, check_name
 from echolearn.robot.check_facts import HEADINGS, UNSEEN, Facts, survey_facts
 from echolearn.robot.check_page import page_of
@@ -63,10 +63,10 @@ def check_survey(
     _check_free(folder)
     walk, _ = read_proved(Path(survey))
     walk = with_gains(walk, None, without=without, gains=gains)
-    window, unfit = _fit(walk, bundle, resample=resample, direct=direct)
+    walk, unfit = _fit(walk, bundle, resample=resample, direct=direct)
     health = examine(walk)
     facts = survey_facts(walk, health, refused=unfit)
-    fall = waterfall(walk, health, window=window)
+    fall = waterfall(walk, health, window=walk.window)
     content = page_of(walk, health, facts=facts, fall=fall)
     about = {"kind": "check", "verdict": facts.verdict} | manifests.command_entry(command)
     _write(folder, content, about=about)
@@ -81,8 +81,8 @@ def check_survey(
 
 def _fit(
     walk: Survey, bundle: Path | None, *, resample: bool, direct: str | None
-) -> tuple[SearchWindow, list[str]]:
-    """Return where a bundle seeks echoes, and why it does not fit a survey, if so.
+) -> tuple[Survey, list[str]]:
+    """Return a survey as a bundle would take it, and why it does not fit, if so.
 
     Args:
         walk: what was recorded.
@@ -90,18 +90,19 @@ def _fit(
         resample, direct: as for `map_survey`.
     """
     if bundle is None:
-        return SearchWindow(), []
+        return walk, []
     # Only who names a bundle needs what reads its model.
     from echolearn.robot.bundle import read_bundle
 
     found = read_bundle(Path(bundle))
     left_out = [] if walk.gains is None else (np.flatnonzero(walk.gains == 0) + 1).tolist()
+    walk = replace(walk, window=found.localizer.window)
     try:
-        open_survey(walk.folder, found, resample=resample, direct=direct)
+        opened = open_survey(walk.folder, found, resample=resample, direct=direct)
         with_gains(walk, found, without=left_out or None)
     except BadValue as error:
-        return found.localizer.window, [str(error)]
-    return found.localizer.window, []
+        return walk, [str(error)]
+    return replace(walk, direct=opened.direct), []
 
 
 def _write(folder: Path, content: bytes, *, about: Mapping[str, Any]) -> None:

@@ -102,6 +102,11 @@ def _figures(survey: Survey, health: Health) -> list[tuple[str, str, str]]:
         ("spread of latency", readable(spread, "{:z.1f} samples"), "over poses and microphones"),
         ("SNR", readable(middle(health.snr_db), "{:.0f} dB"), _lowest(health)),
         ("noise floor", readable(middle(health.noise_db), "{:.0f} dB"), "full scale is 0 dB"),
+        (
+            "direct path",
+            readable(-health.removed_db, "{:.0f} dB"),
+            f"left by direct={survey.direct}" if survey.direct else "removed before",
+        ),
         ("hum", *_hum(health)),
         ("clock drift", readable(health.clock_drift_ppm, "{:+.0f} ppm"), "recorder against player"),
         ("clipped", readable(clipped, "{:.1f} %"), "of a burst at the rails, at worst"),

@@ -17,7 +17,7 @@ import numpy as np
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.storage.advice import assignment
-from echolearn.survey import levels, naming, time_zero
+from echolearn.survey import levels, naming, removal, time_zero
 from echolearn.survey.arrivals import arrivals
 from echolearn.survey.channels import judge_channels
 from echolearn.survey.containers import Containers, numbers_of, told
@@ -62,6 +62,8 @@ class Health:
         noise_db: level of the quietest stretch of each recording, full scale 0 dB, shape (P,): the
             noise, or the reverberation if that never ends.
         snr_db: level of the whole recording over that, in dB, shape (P,).
+        removed_db: by how much removing the direct path softens what comes before the first echo,
+            in dB; NaN if there is none.
         clock_drift_ppm: rate of the player's clock over the recorder's less 1, in 1e-6.
         verdicts: what there is to say of each microphone, M lines; "fine" if nothing.
         mended, noticed, refused: lines, each of one kind of fault and all places where it is.
@@ -82,6 +84,7 @@ class Health:
     clipping: Array
     noise_db: Array
     snr_db: Array
+    removed_db: float
     clock_drift_ppm: float
     verdicts: tuple[str, ...]
     mended: tuple[str, ...]
@@ -104,6 +107,7 @@ def examine(survey: Survey) -> Health:
     begun = _calibration(walk, verdicts.alive)
     verdicts.refused += (*zero.refused, *begun.refused)
     mending = _mending(walk, zero, used=verdicts.alive, calibration=float(begun.late[0]))
+    removed = removal.removed_db(replace(survey, mending=mending), walk.direct.noise)
     negative = _negative(walk.echo.sign * mending.sign * verdicts.alive)
     rest = walk.level[:, survey.used].mean(axis=1) / np.maximum(walk.noise, 1e-30) - 1.0
     return Health(
@@ -120,10 +124,15 @@ def examine(survey: Survey) -> Health:
         clipping=walk.levels.clipping,
         noise_db=decibels(walk.noise),
         snr_db=decibels(np.where(rest < FAINT, np.nan, rest)),
+        removed_db=removed,
         clock_drift_ppm=_drift(walk.echo),
         verdicts=tuple(verdicts.words),
         mended=tuple(_told(mending, walk, zero=zero)),
-        noticed=(*verdicts.noticed, *_reversed(negative, walk.echo)),
+        noticed=(
+            *verdicts.noticed,
+            *_reversed(negative, walk.echo),
+            *removal.told(survey, removed),
+        ),
         refused=tuple(verdicts.refused),
         mending=None if mending.nothing else mending,
         containers=survey.containers,

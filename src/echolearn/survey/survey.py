@@ -95,7 +95,7 @@ class Survey:
         """
         samples = np.stack([self.mended(pose) for pose in poses])
         if self.direct:
-            samples = self._without_direct(samples, poses)
+            samples = self.without_direct(samples, poses)
         psd, covariance = self.noise_statistics
         return Observation(
             samples=self._resampled(samples),
@@ -117,7 +117,7 @@ class Survey:
             return self.array
         return MicArray(self.array.positions - self.loudspeakers[pose])
 
-    def _without_direct(self, samples: Array, poses: Sequence[int]) -> Array:
+    def without_direct(self, samples: Array, poses: Sequence[int]) -> Array:
         """Return recordings (B, M, N) of some poses without the direct path."""
         lost = self._lost(poses)
         if self.direct == "fir":
