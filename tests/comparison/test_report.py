@@ -144,8 +144,11 @@ def test_every_cell_of_the_generalisation_table_is_there(page: Page, rows: list[
 # ---------------------------------------------------------------- what is drawn
 
 
-def test_maps_are_drawn_before_and_after_the_filter(
-    comparison: Comparison, rows: list[Row], monkeypatch: pytest.MonkeyPatch
+def test_maps_are_drawn_before_and_after_the_filter_the_lowest_snr_first(
+    comparison: Comparison,
+    rows: list[Row],
+    files: dict[str, bytes],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     drawn: list[Any] = []
     paint = figures.paint_map
@@ -155,7 +158,8 @@ def test_maps_are_drawn_before_and_after_the_filter(
         paint(axis, *given, **about)
 
     monkeypatch.setattr(figures, "paint_map", noted)
-    drawings.filtered(comparison, rows, snr_db="-10")
+    svg = drawings.filtered(comparison, rows, snr_db="-10")
+    assert svg.encode() == files["figures/maps_first.svg"] != files["figures/maps_last.svg"]
     survey = comparison.surveys["hall_-10dB", "gated"]
     best = choice.chosen(comparison)
     predicted = predict_echoes(comparison.models[best][0], survey)

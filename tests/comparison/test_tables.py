@@ -147,10 +147,10 @@ class TestSurveys:
     def test_snrs_and_the_main_localizer(self) -> None:
         one = bare(surveys=self.SURVEYS)
         assert tables.snrs(one) == ["10", "-5", "0"]
-        assert tables.levels(one) == ["0", "-5"]
+        assert tables.levels(one) == ["-5", "0"]
         assert tables.main_localizer(one) == "gated"
         unusual = bare(surveys=dict((walk("a", "a", 3.0), walk("b", "a", 7.0))))
-        assert tables.levels(unusual) == ["7", "3"]
+        assert tables.levels(unusual) == ["3", "7"]
         assert tables.main_localizer(bare()) == ""
 
     @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ class TestSurveys:
         assert list(rooms) == ["8x6x5", "13x11x5"]
         room = rooms["8x6x5"]
         assert (room["poses"], room["attainable"]) == (4, 0.5)
-        assert list(room["tables"]) == ["0", "-5"]
+        assert list(room["tables"]) == ["-5", "0"]
         lines = room["tables"]["0"]
         assert list(lines) == [("keep_everything", "reference"), ("one", "learned")]
         assert set(lines["one", "learned"]) == {"f1", "test"}
@@ -259,7 +259,7 @@ def test_a_real_comparison_has_every_table(comparison: Comparison) -> None:
     assert facts["source"] == "scattered" and facts["best"] in ("svm_pair", "trees_features")
     assert facts["seeds"] == [0, 1] and facts["runs"] == 7
     assert facts["away"] == "offgrid_hall" and facts["unseen"]
-    assert facts["snrs"] == facts["levels"] == ["0", "-10"]
+    assert facts["snrs"] == facts["levels"][::-1] == ["0", "-10"]
     [room] = facts["rooms"].items()
     assert (room[0], room[1]["poses"], set(room[1]["tables"])) == ("6x5x4", 36, {"0", "-10"})
     learned = {"svm_pair", "threshold_peak", "trees_features"}

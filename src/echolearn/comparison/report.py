@@ -19,7 +19,7 @@ from echolearn.comparison.template import template
 from echolearn.storage.manifests import Contents
 from echolearn.storage.marked_page import Markers, write_beside, write_between
 
-FORMAT = 8
+FORMAT = 9
 """Version of the report and the tables; part of a comparison's identity."""
 
 LIBRARIES = "numpy scipy scikit-learn torch lightning onnxruntime pyroomacoustics".split()
@@ -30,7 +30,7 @@ RESULTS = Markers(
 )
 """Lines of a README between which the results table stands."""
 
-SHOWN = ("table.md", "figures/maps_last.svg", "figures/maps_first.svg")
+SHOWN = ("table.md", "figures/maps_first.svg")
 """Files of a comparison that are printed or put beside a README, the better picture first."""
 
 

@@ -22,7 +22,7 @@ from echolearn.evaluation.rows import (
     pick,
 )
 
-SHOWN_DB = ("0", "-5", "-10")
+SHOWN_DB = ("-10", "-5", "0")
 """SNRs of the maps' tables."""
 
 Table = dict[tuple[Any, ...], dict[Any, Row]]
@@ -69,10 +69,10 @@ def snrs(comparison: Comparison) -> list[str]:
 
 
 def levels(comparison: Comparison) -> list[str]:
-    """Return the SNRs whose maps are shown in tables, the lowest last."""
+    """Return the SNRs whose maps are shown in tables, the lowest first: there filtering earns most."""
     known = snrs(comparison)
     shown = [level for level in SHOWN_DB if level in known]
-    return shown or sorted(known, key=float, reverse=True)
+    return shown or sorted(known, key=float)
 
 
 def main_localizer(comparison: Comparison) -> str:
