@@ -208,7 +208,7 @@ class TestSets:
             row("a", "paper", "off", 0.1, snr_db="-5:40"),
             row("a", "paper", "walk", 0.2, kind="survey"),
         ]
-        found = tables.generalisation(tables.placed(rows, []))
+        found = tables.generalisation(tables.placed(rows, []), localizer="gated")
         cells = {}
         for (training, _, classifier), line in found.items():
             cells[training, classifier] = {name: cell["value"] for name, cell in line.items()}

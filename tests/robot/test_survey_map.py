@@ -17,7 +17,8 @@ import yaml
 from scipy.io import wavfile
 
 from by_hand import edit
-from echolearn.acoustics.rooms import outline
+from echolearn.acoustics.geometry import circular_array
+from echolearn.acoustics.rooms import outline, true_echoes
 from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Pose
 from echolearn.checks import BadValue
@@ -30,6 +31,7 @@ from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
 from echolearn.survey import audio, reader
 from echolearn.survey.poses import poses_csv
+from echolearn.survey.truth import truth_csv
 from world import HALL, POSES, World, coming_second
 
 FILES = ["manifest.json", "map.csv", "map.pgm", "map.ply", "map.svg", "map.yaml", "walls.csv"]
@@ -111,6 +113,42 @@ def test_a_finished_map_is_shown_again_and_another_survey_makes_another(
     made()
     assert "precision" not in capsys.readouterr().out.split("fitted")[-1]
     assert about(folder)["scores"] is None
+
+
+def test_times_and_directions_alone_make_no_map_but_are_judged_by_their_truth(
+    made: Make, walk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = made()
+    poses = reader.read_survey(walk).poses
+    truths = [true_echoes(HALL, pose, array=circular_array()) for pose in poses]
+    (walk / "truth.csv").write_bytes(truth_csv(truths))
+    edit(walk, map=False)
+    capsys.readouterr()
+    assert made() == folder
+    assert sorted(content(folder)) == ["manifest.json", "map.csv"]
+    said = capsys.readouterr().out
+    assert "times and directions only, no points, no walls (map: false)" in said
+    with (folder / "map.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["x_m"] + row["y_m"] for row in rows} == {""}
+    kept = np.array([row["kept"] == "1" for row in rows])
+    timed = []
+    both = []
+    for row, truth in zip(rows, truths, strict=True):
+        late = np.abs(truth.toa - float(row["toa_s"])) * 22050 < 10
+        turn = np.abs(np.angle(np.exp(1j * (truth.azimuth - float(row["azimuth_rad"])))))
+        upright = np.abs(truth.elevation - np.pi / 2) > np.pi / 4
+        tilt = np.abs(truth.elevation - float(row["elevation_rad"]))
+        timed.append(late.any())
+        both.append((late & (np.where(upright, tilt, turn) <= np.deg2rad(10))).any())
+    scores = about(folder)["echo_scores"]
+    for prefix, labels in (("", both), ("time_", timed)):
+        true = np.array(labels)
+        assert scores[f"{prefix}precision"] == pytest.approx(true[kept].mean())
+        assert scores[f"{prefix}true_retention"] == pytest.approx(kept[true].mean())
+        assert scores[f"{prefix}spurious_removal"] == pytest.approx((~kept[~true]).mean())
+        assert f"  {prefix}precision" in said
+    assert about(folder)["points"] == about(folder)["lines"] == 0
 
 
 def test_a_map_killed_at_its_first_file_is_made_again(made: Make, tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ COVARIANCE = "covariance"
 TRUTH = (
     "reflector",
     "on_map",
+    "time_and_direction",
     "snr_db",
     "t60",
     "gain_db",

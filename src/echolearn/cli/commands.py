@@ -44,6 +44,7 @@ def _train(config: "Config") -> Path:
         classifier=partial(build, classifier, "classifier"),
         config=by_short_names(classifier),
         runs=Path(config["runs"]),
+        microphones=build(config["scene"]["array"], "scene.array").positions,
         **_built(config, "name folds command"),
     )
     return Path(config["runs"]) / "train" / str(result["run"])

@@ -4,12 +4,12 @@ The choice is made by figures on a run's own validation rows: no test set, no su
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from statistics import mean
 
 from echolearn.classifiers.inputs import view_of
 from echolearn.dataset.labelled_set import Dataset
-from echolearn.evaluation.rows import LocalizedSurvey, Model, Row
+from echolearn.evaluation.rows import UNFIT, LocalizedSurvey, MeasuredRows, Model, Row, pick
 from echolearn.training.runs import Run
 
 ALSO_DRAWN = ("svm_pair", "covnet")
@@ -27,6 +27,7 @@ class Comparison:
         surveys: localized surveys, by the names of survey and localizer.
         rows: rows of results.csv.
         tests: rows of tests.csv.
+        measured: echoes of recorded surveys, by the names of their group and localizer.
     """
 
     models: Mapping[Model, Sequence[Run]]
@@ -35,6 +36,7 @@ class Comparison:
     surveys: Mapping[tuple[str, str], LocalizedSurvey]
     rows: Sequence[Row]
     tests: Sequence[Row]
+    measured: Mapping[tuple[str, str], MeasuredRows] = field(default_factory=dict)
 
 
 def headline(comparison: Comparison) -> str:
@@ -42,11 +44,15 @@ def headline(comparison: Comparison) -> str:
 
     That is one on a set made for training, if there is any, and rather on one that is tested, too.
     """
+    # What was made for another robot leaves no map of these surveys.
+    unfit = pick(comparison.rows, kind="survey", metric=UNFIT)
+    others = {row["training"] for row in unfit}
 
-    def order(model: Model) -> tuple[bool, bool, str]:
-        """Return what trainings are ranked by: whether tested, made for training, the name."""
-        made_for_it = comparison.roles.get(model.training) == "training"
-        return model.training not in comparison.sets, not made_for_it, model.training
+    def order(model: Model) -> tuple[bool, bool, bool, str]:
+        """Return what trainings are ranked by: whether they fit, are tested, made for training."""
+        name = model.training
+        made_for_it = comparison.roles.get(name) == "training"
+        return name in others, name not in comparison.sets, not made_for_it, name
 
     return min(comparison.models, key=order).training
 

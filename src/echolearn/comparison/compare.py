@@ -19,6 +19,7 @@ from echolearn.checks import BadValue, check, check_list, check_name, check_whol
 from echolearn.comparison import report
 from echolearn.comparison.choice import Comparison, chosen_run
 from echolearn.comparison.evaluate import Inputs, evaluate
+from echolearn.comparison.fitting import robot_in
 from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.evaluation.rows import to_csv
 from echolearn.localization.localizer import Localizer
@@ -143,13 +144,19 @@ def load_inputs(
     check(enough, "localizers", "{}", allowed="must hold at least one, to localize the surveys")
     # A training set's role is wanted also where the set itself is not among those tested; sets of
     # another version, which have none, may stand beside them.
-    plans = [load_manifest(path.parent)["plan"] for path in runs.glob(f"data/*/{MANIFEST}")]
+    known = [load_manifest(path.parent) for path in runs.glob(f"data/*/{MANIFEST}")]
+    plans = [each["plan"] for each in known]
     return Inputs(
         models,
         {plan["name"]: plan["role"] for plan in plans if "role" in plan},
         {key: Dataset(find_set(runs, key)) for key in tested},
         {key: find_survey(runs, key) for key in surveys},
         localizers,
+        {
+            digest(each["files"]): robot_in(each["plan"]["scene"])
+            for each in known
+            if each.get("format") == FORMAT
+        },
     )
 
 

@@ -25,6 +25,8 @@ def draw_sets(comparison: Comparison) -> dict[str, str]:
     bands = {}
     predictions = {}
     for model in drawn(comparison):
+        if not pick(rows, **model._asdict()):
+            continue  # made for another robot
         found = pick(rows, **model._asdict())
         # A row without an SNR is about all rows of the set.
         bands[model.classifier] = [row for row in found if row["snr_db"]]

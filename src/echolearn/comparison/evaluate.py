@@ -1,21 +1,49 @@
 """Evaluate all models on all sets and surveys, shared out among processes."""
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from echolearn.checks import check
 from echolearn.comparison.choice import Comparison
+from echolearn.comparison.fitting import (
+    Robot,
+    robot_in,
+    robot_of,
+    split_fitting,
+    unfit_rows,
+)
 from echolearn.comparison.localized import localize_survey
+from echolearn.comparison.measured import Unheard, grouped, is_mapped, measure
 from echolearn.comparison.tables import SHOWN_DB
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import pairs, scoring
-from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Model, Predictions, Row
+from echolearn.evaluation.rows import (
+    OTHER_LOCALIZER,
+    UNFIT,
+    LabelledRows,
+    LocalizedSurvey,
+    MeasuredRows,
+    Model,
+    Predictions,
+    Recordings,
+    Row,
+    distinct,
+    pick,
+)
 from echolearn.localization.localizer import Localizer
 from echolearn.runtime.processes import processes
 from echolearn.runtime.progress import track
-from echolearn.training.predictions import label_rows, predict_echoes, predict_rows
+from echolearn.survey.reader import read_survey
+from echolearn.training.predictions import (
+    label_rows,
+    predict_echoes,
+    predict_measured,
+    predict_rows,
+)
 from echolearn.training.runs import Run
 
 BASELINE = "threshold_peak"
@@ -35,6 +63,7 @@ class Inputs:
         sets: labelled sets by name.
         surveys: folders of surveys by name.
         localizers: localizers by name; the points of the first one are tested in pairs.
+        robots: robots of training sets, by the sets' digests.
     """
 
     models: Models
@@ -42,14 +71,16 @@ class Inputs:
     sets: Mapping[str, Dataset]
     surveys: Mapping[str, Path]
     localizers: Mapping[str, Localizer]
+    robots: Mapping[str, Robot] = field(default_factory=dict)
 
 
 class Evaluation(NamedTuple):
-    """What was found on one set or survey: rows of results.csv and of tests.csv, and the survey."""
+    """What was found on a set or surveys: rows of results.csv and of tests.csv, and the survey."""
 
     rows: list[Row]
     tests: list[Row]
     survey: LocalizedSurvey | None = None
+    measured: MeasuredRows | None = None
 
 
 def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
@@ -62,28 +93,51 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
     """
     models = inputs.models
     jobs = []
+    mapped = [folder for folder in inputs.surveys.values() if is_mapped(folder)]
     with processes(workers) as pool:
+        shared: Any = {"robots": inputs.robots, "resamples": resamples}
         for dataset in inputs.sets.values():
-            jobs.append(pool.submit(evaluate_set, models, dataset.folder, resamples=resamples))
-        about: Any = {"localizers": inputs.localizers, "resamples": resamples}
-        for folder, name in product(inputs.surveys.values(), inputs.localizers):
+            jobs.append(pool.submit(evaluate_set, models, dataset.folder, **shared))
+        about = shared | {"localizers": inputs.localizers}
+        for folder, name in product(mapped, inputs.localizers):
             jobs.append(pool.submit(evaluate_survey, models, folder, name=name, **about))
+        for (group, folders), name in product(grouped(inputs.surveys).items(), inputs.localizers):
+            given = about | {"name": name}
+            jobs.append(pool.submit(evaluate_measured, models, group, folders=folders, **given))
         waiting = track(jobs, "evaluate", unit="sets and surveys")
         done = [job.result() for job in waiting]
     rows: list[Row] = []
     tests: list[Row] = []
     surveys = {}
+    measured = {}
     for found in done:
         rows += found.rows
         tests += found.tests
         if found.survey:
             source = found.survey.labelled.source
             surveys[source.tested_on, source.localizer] = found.survey
+        if found.measured:
+            source = found.measured.labelled.source
+            measured[source.tested_on, source.localizer] = found.measured
     # All tests of a family are corrected together, so only when all of them are known.
-    return Comparison(models, inputs.roles, inputs.sets, surveys, rows, pairs.correct(tests))
+    check_some_fit(rows)
+    corrected = pairs.correct(tests)
+    return Comparison(models, inputs.roles, inputs.sets, surveys, rows, corrected, measured)
 
 
-def evaluate_set(models: Models, folder: Path, *, resamples: int) -> Evaluation:
+def check_some_fit(rows: Sequence[Row]) -> None:
+    """Raise `BadValue` if walks are mapped for whose robot no run was trained."""
+    walks = pick(rows, kind="survey")
+    known = any(row["role"] != "reference" and row["metric"] not in UNFIT for row in walks)
+    names = ", ".join(distinct(walks, "tested_on"))
+    allowed = "must be of an array and a rate for which a run was trained"
+    hint = "generate and train with their scene, scene=..."
+    check(known or not walks, "surveys", names, allowed=allowed, hint=hint)
+
+
+def evaluate_set(
+    models: Models, folder: Path, *, robots: Mapping[str, Robot], resamples: int
+) -> Evaluation:
     """Evaluate models on a labelled set.
 
     On a set that any of them was trained on, all are evaluated on held-out rows, and not tested in
@@ -92,10 +146,13 @@ def evaluate_set(models: Models, folder: Path, *, resamples: int) -> Evaluation:
     Args:
         models: finished runs of each model.
         folder: folder of the set.
+        robots: robots of training sets, by the sets' digests.
         resamples: bootstrap draws.
     """
     dataset = Dataset(folder)
     labelled = label_rows(dataset, resamples=resamples)
+    robot = robot_in(dataset.manifest["plan"]["scene"])
+    models, unfit = split_fitting(models, robots, robot)
     runs = chain.from_iterable(models.values())
     known = dataset.digest in {run.data_digest for run in runs}
     predictions = predicted(models, lambda run: predict_rows(run, dataset, held_out=known))
@@ -104,6 +161,7 @@ def evaluate_set(models: Models, folder: Path, *, resamples: int) -> Evaluation:
     rows: list[Row] = []
     for model, given in (predictions | {Model("chance"): [references["chance"]]}).items():
         rows.extend(scoring.score_labels(model, given, labelled=labelled))
+    rows += unfit_rows(unfit, labelled.source)
     tests = [] if known else list(against_baseline(predictions, labelled, metric="auc"))
     return Evaluation(rows, tests)
 
@@ -114,6 +172,7 @@ def evaluate_survey(
     *,
     localizers: Mapping[str, Localizer],
     name: str,
+    robots: Mapping[str, Robot],
     resamples: int,
 ) -> Evaluation:
     """Evaluate models by the maps they leave of a survey.
@@ -125,8 +184,10 @@ def evaluate_survey(
         folder: folder of the survey.
         localizers: localizers by name.
         name: name of the one that estimates the echoes.
+        robots: robots of training sets, by the sets' digests.
         resamples: bootstrap draws.
     """
+    models, unfit = split_fitting(models, robots, robot_at(folder))
     survey = localize_survey(folder, localizers[name], name=name, resamples=resamples)
     references = scoring.trivial_predictions(survey.labelled.reference)
     predictions = predicted(models, lambda run: predict_echoes(run, survey))
@@ -134,10 +195,55 @@ def evaluate_survey(
     rows: list[Row] = []
     for model, each in everyone.items():
         rows.extend(scoring.score_map(model, each, survey=survey))
+    rows += unfit_rows(unfit, survey.labelled.source)
     if name != next(iter(localizers)) or survey.snr_db not in SHOWN_DB:
         return Evaluation(rows, [], survey)
     about: Any = {"metric": "balanced_accuracy", "snr_db": survey.snr_db}
     return Evaluation(rows, list(against_baseline(predictions, survey.labelled, **about)), survey)
+
+
+def evaluate_measured(
+    models: Models,
+    group: str,
+    *,
+    folders: Sequence[Path],
+    localizers: Mapping[str, Localizer],
+    name: str,
+    robots: Mapping[str, Robot],
+    resamples: int,
+) -> Evaluation:
+    """Evaluate models by what they say of every echo of recorded surveys.
+
+    Args:
+        models: finished runs of each model.
+        group: name under which the surveys are judged.
+        folders: their folders, all of one array.
+        localizers: localizers by name.
+        name: name of the one that estimates the echoes.
+        robots: robots of training sets, by the sets' digests.
+        resamples: bootstrap draws.
+    """
+    models, unfit = split_fitting(models, robots, robot_at(folders[0]))
+    try:
+        measured = measure(group, folders, localizers[name], name=name, resamples=resamples)
+    except Unheard as error:
+        print(f"{group}, {name}: {error}", file=sys.stderr, flush=True)
+        source = Recordings(group, kind="measured", localizer=name)
+        return Evaluation(unfit_rows(dict.fromkeys(models, OTHER_LOCALIZER) | unfit, source), [])
+    references = scoring.trivial_predictions(measured.labelled.reference)
+    kept = ("keep_everything", "chance")
+    everyone = {Model(who): [references[who]] for who in kept}
+    everyone |= predicted(models, lambda run: predict_measured(run, measured))
+    rows: list[Row] = []
+    for model, each in everyone.items():
+        rows.extend(scoring.score_measured(model, each, measured=measured))
+    return Evaluation(rows + unfit_rows(unfit, measured.labelled.source), [], measured=measured)
+
+
+def robot_at(folder: Path) -> Robot:
+    """Return the robot of a survey."""
+    survey = read_survey(folder)
+    return robot_of(survey.array, survey.emitted.sample_rate)
 
 
 def predicted(

@@ -1,7 +1,6 @@
 """Localize a survey as one localizer does: its echoes, their columns, their points on the map."""
 
 from collections import defaultdict
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from echolearn.acoustics.sides import distance_to_outline
-from echolearn.acoustics.signals import joint_db
-from echolearn.checks import BadValue, is_number
+from echolearn.acoustics.types import Array, Echoes
+from echolearn.checks import BadValue
+from echolearn.comparison.conditions import joint_snr_db, room_of
 from echolearn.evaluation import stats
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
 from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Recordings
@@ -18,7 +18,7 @@ from echolearn.localization.localize import localize
 from echolearn.localization.localizer import Localizer
 from echolearn.mapping.echo_map import echo_map
 from echolearn.survey import reader
-from echolearn.survey.survey import blocks
+from echolearn.survey.survey import Survey, blocks
 
 
 def localize_survey(
@@ -41,51 +41,39 @@ def localize_survey(
             f"{folder}/survey.yaml: it has no walls; without the room's outline no map is evaluated"
         )
 
-    points = []
-    columns = defaultdict(list)
+    echoes, columns = localized(survey, localizer)
     about: Any = {"array": survey.array, "speed_of_sound": survey.speed_of_sound}
-    # Recordings are localized in blocks, because those of a long walk would not fit into memory.
-    for block in blocks(survey):
-        echoes, found = localize(survey.observe(block), localizer)
-        placed = echo_map(echoes, survey.poses[block.start : block.stop], **about)
-        points.append(placed.points)
-        for key, column in found.items():
-            columns[key].append(column)
+    every = echo_map(echoes, survey.poses, **about).points
 
     # An echo is true if its point lies on a wall: time and direction must both be right.
-    every = np.concatenate(points)
     poses = np.repeat(np.arange(len(survey.poses)), localizer.echoes)
     labelled = LabelledRows(
         Recordings(
             Path(folder).name,
             kind="survey",
             noise=str(survey.conditions.get("noise", "unknown")),
-            room=_room(survey.conditions, Path(folder).name),
+            room=room_of(survey.conditions, Path(folder).name),
             localizer=name,
         ),
         reference=distance_to_outline(every, survey.walls) <= MAP_TOLERANCE,
         groups=poses,
-        joint_snr_db=np.full(len(poses), _joint_snr_db(survey.conditions)),
+        joint_snr_db=np.full(len(poses), joint_snr_db(survey.conditions)),
         weights=stats.cluster_weights(poses, resamples=resamples),
     )
     places = np.array([survey.poses[pose].position[:2] for pose in poses])
-    joined = {key: np.concatenate(parts) for key, parts in columns.items()}
-    return LocalizedSurvey(labelled, every, places, survey.walls, joined)
+    return LocalizedSurvey(labelled, every, places, survey.walls, columns)
 
 
-def _room(conditions: Mapping[str, Any], name: str) -> str:
-    """Return what tables call the room of a survey, such as "8x6x5"; if unknown, the survey."""
-    room = conditions.get("room", name)
-    if isinstance(room, list) and all(is_number(side) for side in room):
-        return "x".join(f"{side:g}" for side in room)
-    return str(room)
-
-
-def _joint_snr_db(conditions: Mapping[str, Any]) -> float:
-    """Return the received probe over all noises together, to 0.1 dB; NaN where it is unknown."""
-    levels = [conditions.get("snr_db"), conditions.get("sdnr_db")]
-    known = [float(level) for level in levels if level is not None]
-    if not known:
-        return np.nan
-    # Adding 0.0 turns -0.0 into 0.0, which is written as "0".
-    return round(float(joint_db(*known)), 1) + 0.0
+def localized(survey: Survey, localizer: Localizer) -> tuple[Echoes, dict[str, Array]]:
+    """Return the echoes of a survey, fields (P, R), and their columns (P R, ...), by name."""
+    parts = []
+    columns = defaultdict(list)
+    # Recordings are localized in blocks, because those of a long walk would not fit into memory.
+    for block in blocks(survey):
+        echoes, found = localize(survey.observe(block), localizer)
+        parts.append(echoes)
+        for key, column in found.items():
+            columns[key].append(column)
+    fields = zip(*(vars(part).values() for part in parts), strict=True)
+    whole = Echoes(*map(np.concatenate, fields))
+    return whole, {key: np.concatenate(each) for key, each in columns.items()}

@@ -15,6 +15,7 @@ from echolearn.comparison.choice import Comparison, chosen, headline
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation.rows import (
     SNR_BANDS_DB,
+    UNFIT,
     LocalizedSurvey,
     Row,
     distinct,
@@ -77,7 +78,7 @@ def levels(comparison: Comparison) -> list[str]:
 
 def main_localizer(comparison: Comparison) -> str:
     """Return the localizer of the maps' tables: the first one; nothing without surveys."""
-    return next((localizer for _, localizer in comparison.surveys), "")
+    return next(iter(localizers_of(comparison)), "")
 
 
 def away(comparison: Comparison) -> str:
@@ -126,7 +127,9 @@ def gather(comparison: Comparison) -> dict[str, Any]:
         "directions": by_room(unfiltered(rows)),
         "precision": by_room(pick(left, metric="precision")),
         "retention": by_room(pick(left, metric="true_retention")),
-        "generalisation": generalisation(rows),
+        "generalisation": generalisation(rows, localizer=main_localizer(comparison)),
+        "measured": measured_tables(rows, comparison),
+        "unfit": UNFIT,
         "protocol": protocol(comparison),
         "leak": leak(rows),
         "tests": tests,
@@ -194,11 +197,59 @@ def worst_test_set(rows: Iterable[Row]) -> dict[str, Row]:
     return worst
 
 
-def generalisation(rows: Iterable[Row]) -> Table:
-    """Return AUC by what was trained on (and how) and on which set it was tested."""
-    aucs = pick(rows, kind="set", metric="auc", snr_db="")
+def generalisation(rows: Iterable[Row], *, localizer: str) -> Table:
+    """Return AUC by what was trained on (and how) and on which set it was tested.
+
+    Recorded surveys are further columns: their AUC by time and direction, or by what is known. A
+    cell of a model that was made for another robot says so by its metric.
+
+    Args:
+        rows: means over seeds.
+        localizer: whose echoes of recorded surveys are shown.
+    """
+    whole = pick(rows, kind=("set", "measured"), snr_db="", localizer=("", localizer))
+    aucs = pick(whole, metric="time_auc") + pick(whole, metric=("auc", *UNFIT))
+    # Where both are known, time and direction together take the place of time alone.
     in_turn = sorted(aucs, key=itemgetter("training"))
     return pivot(in_turn, lines=("training", "split", "classifier"), cells="tested_on")
+
+
+def measured_tables(rows: Iterable[Row], comparison: Comparison) -> dict[str, dict[str, Any]]:
+    """Return what is shown of each group of recorded surveys: its size, and a line for each model.
+
+    The cells of a line are rows by metric and SNR, as in `line["auc", ""]`.
+
+    Args:
+        rows: means over seeds.
+        comparison: what was found.
+    """
+    found = {}
+    every = pick(rows, kind="measured")
+    for (group, localizer), measured in comparison.measured.items():
+        if localizer != main_localizer(comparison):
+            continue
+        here = pick(every, tested_on=group, localizer=localizer)
+        joined = [row | {"cell": (row["metric"], row["snr_db"])} for row in here]
+        levels = sorted({row["snr_db"] for row in here} - {""}, key=float)
+        # That of the maps' tables where filtering begins to matter, or else the lowest.
+        shown = "0" if "0" in levels else next(iter(levels), "")
+        found[group] = {
+            "label": measured.label,
+            "timed": measured.by_time is not None,
+            "echoes": len(measured.labelled.reference),
+            "true": measured.labelled.reference.mean(),
+            "places": measured.places,
+            "levels": levels,
+            "level": shown,
+            "lines": pivot(joined, lines=("training", "classifier"), cells="cell"),
+        }
+    return found
+
+
+def localizers_of(comparison: Comparison) -> list[str]:
+    """Return the localizers of all surveys, in their order."""
+    names = [localizer for _, localizer in (*comparison.surveys, *comparison.measured)]
+    return list(dict.fromkeys(names))
 
 
 def leak(rows: Iterable[Row]) -> Table:

@@ -1,11 +1,12 @@
 """Templates of pages and tables, and the filters by which they show figures."""
 
+from collections.abc import Mapping
 from importlib import resources
 from typing import Any
 
 import numpy as np
 
-from echolearn.evaluation.rows import Row
+from echolearn.evaluation.rows import UNFIT, Row
 
 
 def template(name: str, *, room: str = "comparison") -> Any:
@@ -18,7 +19,7 @@ def template(name: str, *, room: str = "comparison") -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {each.__name__: each for each in (number, interval, signed, shade)}
+    environment.filters |= {each.__name__: each for each in FILTERS}
     text = (resources.files(f"echolearn.{room}") / "templates" / name).read_text()
     return environment.from_string(text)
 
@@ -67,3 +68,27 @@ def shade(value: float) -> str:
     strength = min(abs(value - 0.5) / 0.5, 1.0)
     colour = "0, 114, 178" if value >= 0.5 else "213, 94, 0"
     return f"rgba({colour}, {0.42 * strength:.2f})"
+
+
+def figure(row: Row | None) -> str:
+    """Return the figure of a row, or why it has none; nothing without a row."""
+    if row is None:
+        return ""
+    return str(row["metric"]).replace("_", " ") if row["metric"] in UNFIT else number(row["value"])
+
+
+def shares(line: Mapping[Any, Row], prefix: str, level: str) -> str:
+    """Return what a filter keeps of measured echoes as `precision / true kept / false removed`.
+
+    Args:
+        line: rows of a model by metric and SNR.
+        prefix: beginning of the metrics' names, "time_" for those by time alone.
+        level: SNR, empty for all.
+    """
+    names = ("precision", "true_retention", "spurious_removal")
+    values = (number(line[prefix + name, level]["value"], 100, 0) or "-" for name in names)
+    return " / ".join(values)
+
+
+FILTERS = (number, interval, signed, shade, figure, shares)
+"""What templates format figures by."""

@@ -1,5 +1,6 @@
 """A finished set, read back: columns and tensors by name, from shards checked on opening."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from echolearn.acoustics.signals import joint_db
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check
+from echolearn.dataset import derived
 from echolearn.storage import manifests
 from echolearn.storage.advice import repair_hint
 from echolearn.storage.files import let_go, open_array
@@ -87,6 +89,10 @@ class Dataset:
             BadValue: the set has no such field, or no such row.
         """
         known = self._shards[0].dtype
+        if name == derived.NAME and name not in (known.names or ()):
+            read = partial(self.gather, rows=rows)
+            several = "wall" in (known.names or ())
+            return derived.time_and_direction(read, self.manifest["plan"], several=several)
         if name not in (known.names or ()):
             allowed = f"must be one of {', '.join(known.names or ())}"
             raise BadValue(f"column={name}: {allowed}; does the set come from an older version?")

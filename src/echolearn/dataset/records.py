@@ -8,6 +8,9 @@ A record has the columns and tensors of `localization.features`, the labels
 - `reflector` (the paper's): |estimated - true TOA| < 10 samples for some reflecting wall; of
   several echoes of one observation no two for the same wall (`evaluation.matching`),
 - `on_map`: the map point (TOA and DOA together) lies within 0.10 m of the room's outline,
+- `time_and_direction`: time as for `reflector`, and within 10 degrees of that wall's direction;
+  derived when a set is read (`derived`), and held in rooms that are no boxes, and where the
+  array's middle is not its loudspeaker,
 
 and what the localizer did not know: SNR, gain, T60, room, pose, true TOAs, and `group`, the number
 of the position, by which every split is made; SDNR only in sets with diffuse noise, pings only
@@ -32,10 +35,16 @@ from echolearn.acoustics.rooms import check_inside, most_echoes, outline, size_o
 from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.signals import noise_covariance, noise_psd
 from echolearn.acoustics.streams import stream
-from echolearn.acoustics.types import Array, Observation
+from echolearn.acoustics.types import Array, Observation, Room
+from echolearn.dataset import derived
 from echolearn.dataset.plans import Plan, Spot
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
-from echolearn.evaluation.matching import TOA_TOLERANCE_SAMPLES, UNMATCHED, match_echoes
+from echolearn.evaluation.matching import (
+    TOA_TOLERANCE_SAMPLES,
+    UNMATCHED,
+    agree,
+    match_echoes,
+)
 from echolearn.localization.localize import localize
 from echolearn.simulation.observe import NOISE_SECONDS, add_noise, noise_alone
 from echolearn.simulation.scene import Scene
@@ -128,9 +137,8 @@ def labels(estimates: Array, spot: Spot, scene: Scene) -> dict[str, Array]:
         scene: gives the array, the sample rate and the speed of sound.
     """
     toa, azimuth, elevation = estimates.T
-    truth = true_echoes(
-        spot.room, spot.pose, array=scene.array, speed_of_sound=scene.speed_of_sound
-    ).toa
+    true = true_echoes(spot.room, spot.pose, array=scene.array, speed_of_sound=scene.speed_of_sound)
+    truth = true.toa
     tolerance = TOA_TOLERANCE_SAMPLES / scene.probe.sample_rate
     wall = match_echoes(truth, toa, tolerance=tolerance)
     points = wall_points(
@@ -148,6 +156,10 @@ def labels(estimates: Array, spot: Spot, scene: Scene) -> dict[str, Array]:
         "on_map": distance_to_outline(points, outline(spot.room)) <= MAP_TOLERANCE,
         "truth_toa": np.tile(padded, (len(toa), 1)),
     }
+    if scene.array.centre.any() or not isinstance(spot.room, Room):
+        near = agree(true, azimuth, elevation)
+        both = match_echoes(truth, toa, tolerance=tolerance, allowed=near)
+        found[derived.NAME] = both != UNMATCHED
     return found | {"echo": np.arange(len(toa)), "wall": wall} if len(toa) > 1 else found
 
 

@@ -4,27 +4,42 @@ A pair may match where its times differ by less than the tolerance. Of all ways 
 with at most one wall and each wall with at most one echo, the one with the most pairs is taken, and
 among those the one with the smallest sum of errors. So a wall found twice counts once, and an echo
 between two walls serves the one that no other echo does.
+
+Where directions are known, a pair may also be asked to agree in them: azimuths within the
+tolerance, or, where the true echo comes from so near the array's axis that its azimuth says
+nothing, the angle between the two directions.
 """
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from echolearn.acoustics.types import Array
+from echolearn.acoustics.geometry import direction, wrap
+from echolearn.acoustics.types import Array, Truth
 from echolearn.checks import check_number, finite_vector
 
 TOA_TOLERANCE_SAMPLES = 10
 """Samples by which an echo's time may miss that of a wall: the paper's label."""
 
+ANGLE_TOLERANCE = np.deg2rad(10.0)
+"""rad by which an echo's direction may miss that of a true one: the label `time_and_direction`."""
+
 UNMATCHED = -1
 
 
-def match_echoes(reference_toa: Array, estimated_toa: Array, *, tolerance: float) -> Array:
+def match_echoes(
+    reference_toa: Array,
+    estimated_toa: Array,
+    *,
+    tolerance: float,
+    allowed: Array | None = None,
+) -> Array:
     """Return the wall that each echo is matched with, `UNMATCHED` (-1) where none.
 
     Args:
         reference_toa: times of W walls, shape (W,), in s; may be empty.
         estimated_toa: times of R echoes, shape (R,), in s; may be empty.
         tolerance: bound that the difference of two times stays below, in s.
+        allowed: which pairs may match at all, shape (R, W), bool; all unless given.
 
     Returns:
         Numbers of walls, shape (R,), whole numbers.
@@ -38,7 +53,7 @@ def match_echoes(reference_toa: Array, estimated_toa: Array, *, tolerance: float
     walls = _times("reference_toa", reference_toa)
     echoes = _times("estimated_toa", estimated_toa)
     error = np.abs(echoes[:, None] - walls) / tolerance
-    fits = error < 1
+    fits = error < 1 if allowed is None else (error < 1) & allowed
     # A pair that does not fit costs more than all others together, so it is taken last.
     costs = np.where(fits, error, 4.0 * (1 + sum(error.shape)))
     rows, columns = linear_sum_assignment(costs)
@@ -46,6 +61,23 @@ def match_echoes(reference_toa: Array, estimated_toa: Array, *, tolerance: float
     matched = np.full(len(error), UNMATCHED)
     matched[rows[good]] = columns[good]
     return matched
+
+
+def agree(reference: Truth, azimuth: Array, elevation: Array) -> Array:
+    """Tell which echoes come from the directions of which true ones, shape (..., R, W), bool.
+
+    Args:
+        reference: W true echoes, fields (..., W); a direction that is NaN is nobody's.
+        azimuth, elevation: of R echoes, shape (..., R), in rad.
+    """
+    turned = np.abs(wrap(azimuth[..., None] - reference.azimuth[..., None, :]))
+    found = direction(azimuth, elevation)
+    true = direction(reference.azimuth, reference.elevation)
+    between = np.arccos(np.clip(found @ np.swapaxes(true, -1, -2), -1.0, 1.0))
+    upright = np.sin(reference.elevation) < np.sin(ANGLE_TOLERANCE)
+    beside = np.where(upright[..., None, :], between, turned)
+    near: Array = beside <= ANGLE_TOLERANCE
+    return near
 
 
 def _times(name: str, values: Array) -> Array:

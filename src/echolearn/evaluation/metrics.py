@@ -140,6 +140,26 @@ def orders(
     }
 
 
+def recall_at(
+    reference: Array, confidence: Array, *, precision: float, weights: Array | None = None
+) -> Array:
+    """Return the largest recall over all cuts that have at least a precision; 0 if none has.
+
+    Args:
+        reference: shape (B,), bool.
+        confidence: shape (B,).
+        precision: share of what is kept that must be true, 0 to 1.
+        weights: shape (..., B).
+    """
+    true, false = _ladder(reference, confidence, weights=weights)
+    found = np.cumsum(true, axis=-1)
+    kept = found + np.cumsum(false, axis=-1)
+    # Rounding must not push a whole count, such as 0.9 * 10, out.
+    precise = found >= precision * kept * (1 - 1e-12)
+    most = np.where(precise, found, 0.0).max(axis=-1, initial=0.0)
+    return ratio(most, true.sum(axis=-1))
+
+
 def auc(reference: Array, confidence: Array, *, weights: Array | None = None) -> Array:
     """Return the area under the ROC curve; arguments as for `orders`.
 

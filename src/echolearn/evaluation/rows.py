@@ -20,6 +20,14 @@ from echolearn.evaluation import coverage, metrics
 SNR_BANDS_DB = ((-40, -20), (-20, -15), (-15, -10), (-10, -5), (-5, 40))
 """dB, from and to; classifiers differ between -20 and -5 dB only."""
 
+OTHER_ARRAY = "other_array"
+OTHER_RATE = "other_rate"
+OTHER_LOCALIZER = "other_localizer"
+
+UNFIT = (OTHER_ARRAY, OTHER_RATE, OTHER_LOCALIZER)
+"""Metrics of rows that say why there is no figure: their model was made for another array or rate,
+or the localizer cannot work on what was recorded. Their value is empty."""
+
 Row = dict[str, Any]
 
 
@@ -32,7 +40,7 @@ class Model(NamedTuple):
         role: "learned", "baseline" (a bare threshold) or "reference" (knows nothing, or all).
         method: short name of what is fitted; empty for references.
         split: what is never divided between training and test, "position" or "row".
-        target: label that was learned, "reflector" or "on_map".
+        target: label that was learned, "reflector", "on_map" or "time_and_direction".
     """
 
     classifier: str
@@ -62,7 +70,7 @@ class Recordings(NamedTuple):
 
     Attributes:
         tested_on: name of the set or survey.
-        kind: "set" or "survey".
+        kind: "set", "survey" (its map), or "measured" (the echoes of recorded surveys).
         noise: kinds of noise, such as "white+rotor".
         set_role: what the set's plan was made for; empty for surveys.
         room: of the survey, such as "8x6x5"; empty for sets.
@@ -150,6 +158,25 @@ class LocalizedSurvey:
     def attainable(self) -> float:
         """Share of poses with a wall 1 to 2 m away: about what one echo a pose can get right."""
         return coverage.attainable(self.walls, self.poses)
+
+
+@dataclass(frozen=True)
+class MeasuredRows:
+    """The echoes of recorded surveys of one kind, as one localizer finds them: B rows.
+
+    Attributes:
+        labelled: truth by `label`.
+        label: "time_and_direction", "on_map", or "reflector" where times alone are known.
+        by_time: truth by time alone, shape (B,), bool; None where times are not known.
+        columns: what classifiers look at, by name, shape (B, ...).
+        places: number of places, over which resamples are drawn.
+    """
+
+    labelled: LabelledRows
+    label: str
+    by_time: Array | None
+    columns: Mapping[str, Array]
+    places: int
 
 
 def in_band(snr_db: Array, *, low: float, high: float) -> Array:

@@ -9,6 +9,7 @@ metric, value, ci_low, ci_high.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,12 +20,16 @@ from echolearn.evaluation.rows import (
     SNR_BANDS_DB,
     LabelledRows,
     LocalizedSurvey,
+    MeasuredRows,
     Model,
     Predictions,
     Row,
     in_band,
     pick,
 )
+
+SURE = 0.9
+"""Precision that the metric `r90` asks for."""
 
 Evaluate = Callable[[Predictions, Array | None], Mapping[str, Array]]
 """Metrics by name, of predictions and of weights (resamples, B) or None."""
@@ -68,6 +73,66 @@ def score_labels(
             band = f"{low}:{high}"
             rows = tabulate(banded, model=model, predictions=cut, labelled=labelled, snr_db=band)
             yield from pick(rows, seed="")
+
+
+def score_measured(
+    model: Model, predictions: Sequence[Predictions], *, measured: MeasuredRows
+) -> Iterator[Row]:
+    """Yield the rows of a model on recorded surveys: over all of them, and at each SNR.
+
+    Metrics by time alone begin with `time_`.
+
+    Args:
+        model: the model.
+        predictions: what it says about every echo, one for each seed.
+        measured: the echoes.
+    """
+    labelled = measured.labelled
+
+    def every(given: Predictions, weights: Array | None) -> Mapping[str, Array]:
+        """Return all metrics of one seed's predictions."""
+        found: dict[str, Array] = {}
+        if measured.label != "reflector":
+            found |= evaluate_echoes(labelled.reference, given, weights=weights)
+        if measured.by_time is not None:
+            timed = evaluate_echoes(measured.by_time, given, weights=weights)
+            found |= {f"time_{name}": value for name, value in timed.items()}
+        return found
+
+    about: dict[str, Any] = {"model": model, "labelled": labelled}
+    yield from tabulate(every, predictions=predictions, **about)
+    levels = np.unique(labelled.joint_snr_db[np.isfinite(labelled.joint_snr_db)])
+    for level in levels if len(levels) > 1 else ():
+        cut = [given.within(labelled.joint_snr_db == level) for given in predictions]
+        rows = tabulate(every, predictions=cut, snr_db=f"{level:g}", **about)
+        yield from pick(rows, seed="")
+
+
+def evaluate_echoes(
+    reference: Array, given: Predictions, *, weights: Array | None
+) -> dict[str, Array]:
+    """Return the metrics of measured echoes, by name.
+
+    Args:
+        reference: truth of all rows, shape (B,), bool.
+        given: what one seed says about some of them.
+        weights: of these, shape (..., b), or None.
+    """
+    true = reference[given.rows]
+    found = metrics.evaluate_labels(
+        true, given.confidence, threshold=given.threshold, weights=weights
+    )
+    sure = metrics.recall_at(true, given.confidence, precision=SURE, weights=weights)
+    return {
+        "auc": found["auc"],
+        "r90": sure,
+        "precision": found["precision"],
+        "true_retention": found["recall"],
+        "spurious_removal": found["specificity"],
+        "balanced_accuracy": found["balanced_accuracy"],
+        "average_precision": found["average_precision"],
+        "expected_calibration_error": found["expected_calibration_error"],
+    }
 
 
 def score_map(

@@ -38,6 +38,7 @@ class MappedWalk:
         outline: sides of the floor plan, shape (S, 2, 2), in m, or None where they are not known.
         resolution: side of a cell of the grid, in m.
         accuracy: of the echoes.
+        placed: whether echoes can be placed on a map; if not, none of its points is shown.
     """
 
     echoes: Echoes
@@ -47,6 +48,7 @@ class MappedWalk:
     outline: Array | None = None
     resolution: float = 0.05
     accuracy: Accuracy = field(default_factory=Accuracy)
+    placed: bool = True
 
     @cached_property
     def path(self) -> Array:
@@ -66,7 +68,7 @@ class MappedWalk:
     @cached_property
     def shown(self) -> Array:
         """Which points are kept and belong to a wall, shape (P * R,), bool."""
-        return np.asarray(self.map.kept) & self.sideways
+        return np.asarray(self.map.kept) & self.sideways & self.placed
 
     @property
     def upright(self) -> Array:

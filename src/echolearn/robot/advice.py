@@ -40,6 +40,8 @@ def causes(mapped: MappedWalk, health: Health, *, window: SearchWindow) -> list[
         health: what its recordings say about themselves.
         window: where the bundle seeks echoes.
     """
+    if not mapped.placed:
+        return []
     drawn = int(np.sum(mapped.shown))
     if not drawn:
         return [*_of_geometry(mapped, window), *_of_recordings(health), LAST]

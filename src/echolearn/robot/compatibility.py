@@ -1,24 +1,14 @@
 """Is this the robot that a bundle was made for? Its microphones, sample rate and probe must be.
 
-The array may be turned about its axis. The angle follows from the positions p_m and q_m of the
-bundle's and the robot's microphones, as complex numbers x + i y:
-
-    angle = arg sum_m conj(p_m) q_m
-
-which is the least squares solution of q_m = exp(i angle) p_m (Procrustes in the plane).
+The array may be turned about its axis (`acoustics.turned_array`).
 """
 
 import numpy as np
 
+from echolearn.acoustics.turned_array import DISPLACED, turn_between
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import BadValue, check
 from echolearn.robot.bundle import Bundle
-
-DISPLACED = 1e-3
-"""m by which a microphone may be elsewhere than in the bundle."""
-
-SAME = 1e-6
-"""m within which positions are the same, so that nothing is turned."""
 
 LIKENESS = 0.9
 """Correlation of a survey's probe with the bundle's; resampling takes a little of it."""
@@ -49,7 +39,7 @@ def mount_angle(bundle: Bundle, *, array: MicArray, probe: Probe) -> float:
     # Positions can be compared only where there are as many.
     count = len(bundle.array)
     check(len(array) == count, "microphones", len(array), allowed=f"must be {count}, the bundle's")
-    angle, off = _turn(bundle.array.positions, array.positions)
+    angle, off = turn_between(bundle.array.positions, array.positions)
     allowed = f"must be at most {DISPLACED * 1000:g} mm from the bundle's, however they are turned"
     shown = f"one is off by {off * 1000:.1f} mm"
     check(off <= DISPLACED, "microphones", shown, allowed=allowed, hint=OTHER_ARRAY)
@@ -60,21 +50,6 @@ def mount_angle(bundle: Bundle, *, array: MicArray, probe: Probe) -> float:
     hint = "play the bundle's probe.wav, or train with yours"
     check(likeness > LIKENESS, "probe", shown, allowed="must be the same burst", hint=hint)
     return angle
-
-
-def _turn(positions: Array, found: Array) -> tuple[float, float]:
-    """Return the angle that brings microphones to those found, and the largest distance left.
-
-    Args:
-        positions, found: each of shape (M, 3), in m.
-    """
-    if float(np.abs(positions - found).max()) <= SAME:
-        return 0.0, 0.0
-    here = positions[:, 0] + 1j * positions[:, 1]
-    there = found[:, 0] + 1j * found[:, 1]
-    angle = float(np.angle(np.sum(here.conj() * there)))
-    across = np.abs(here * np.exp(1j * angle) - there)
-    return angle, float(np.hypot(across, positions[:, 2] - found[:, 2]).max())
 
 
 def _correlation(first: Array, second: Array) -> float:

@@ -12,16 +12,21 @@ from typing import Any
 import numpy as np
 
 from echolearn.checks import BadValue, check
+from echolearn.evaluation.labelling import echo_scores, label_echoes
 from echolearn.evaluation.map_metrics import evaluate_map
 from echolearn.evaluation.metrics import finite
 from echolearn.mapping.mapped_walk import BAG, Files, MappedWalk
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
 from echolearn.survey.health import Health
+from echolearn.survey.survey import Survey
 from echolearn.survey.time_zero import HIDDEN
 
 SHOWN = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
 """Metrics that are printed where the room is known."""
+
+DRAWN = ("walls.csv", "map.ply", "map.pgm", "map.yaml", "map.svg")
+"""Files of a map besides its table, which times and directions alone do not have."""
 
 
 def finished_map(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -67,6 +72,8 @@ def write_map(folder: Path, files: Files, *, about: Mapping[str, Any]) -> dict[s
     bag = (folder / BAG[0]).parent
     clean(folder)
     clean(bag)
+    for name in {*DRAWN} - {*files}:
+        (folder / name).unlink(missing_ok=True)
     with suppress(OSError):  # there is no bag of the map before, or something else is in its folder
         for name in {*BAG} - {*files}:
             (folder / name).unlink(missing_ok=True)
@@ -93,7 +100,7 @@ def describe_map(mapped: MappedWalk, causes: Sequence[str]) -> dict[str, Any]:
         causes: why no point of it is drawn, or no wall goes through them, if so.
     """
     scores = None
-    if mapped.outline is not None:
+    if mapped.outline is not None and mapped.placed:
         found = mapped.map
         values = evaluate_map(
             mapped.outline,
@@ -116,6 +123,17 @@ def describe_map(mapped: MappedWalk, causes: Sequence[str]) -> dict[str, Any]:
     }
 
 
+def judged(mapped: MappedWalk, walk: Survey) -> dict[str, Any]:
+    """Return what the manifest of a map says of its echoes by their truth, if that is known."""
+    about: dict[str, Any] = {} if mapped.placed else {"placed": False}
+    if walk.truth is None:
+        return about
+    rate = walk.emitted.sample_rate
+    labels = label_echoes(walk.truth, mapped.echoes, sample_rate=rate)
+    scores = echo_scores(labels, np.asarray(mapped.map.kept))
+    return about | {"echo_scores": {name: finite(value) for name, value in scores.items()}}
+
+
 def told(health: Health) -> dict[str, Any]:
     """Return what the manifest of a map says of its recordings; nothing of sound ones."""
     noticed = [*health.noticed]
@@ -130,15 +148,21 @@ def report(about: Mapping[str, Any]) -> None:
     for kind, lines in about.get("health", {}).items():
         for line in lines:
             print(f"{kind}: {line}")
-    print(
-        f"{about['poses']} poses, {about['kept']} echoes kept: {about['points']} points in the "
-        f"map, {about['floor_or_ceiling']} from floor or ceiling; {about['lines']} walls fitted"
-    )
+    counted = f"{about['poses']} poses, {about['kept']} echoes kept: "
+    if about.get("placed", True):
+        print(
+            f"{counted}{about['points']} points in the map, {about['floor_or_ceiling']} from "
+            f"floor or ceiling; {about['lines']} walls fitted"
+        )
+    else:
+        print(f"{counted}times and directions only, no points, no walls (map: false)")
     if about["causes"]:
         lack = "no wall goes through the points" if about["points"] else "no point is drawn"
         print(f"{lack}; the most likely cause first:")
     for number, cause in enumerate(about["causes"], start=1):
         print(f"  {number}. {cause}")
-    for name in SHOWN if about["scores"] else ():
-        value = about["scores"][name]
+    scores = {name: about["scores"][name] for name in SHOWN} if about["scores"] else {}
+    if about.get("echo_scores"):
+        print("of echoes, by truth.csv; time_: by time alone")
+    for name, value in (scores | about.get("echo_scores", {})).items():
         print(f"  {name:17}" + ("undefined" if value is None else f"{value:.3f}"))

@@ -31,7 +31,11 @@ LIMITS = {"model.onnx": 64 << 20, "golden.npz": 16 << 20, "probe.wav": 16 << 20}
 """The files besides `bundle.json`, each with the bytes it may have."""
 
 REFLECTOR = "a wall's echo arrives within 10 samples of toa"
-LABELS = {"reflector": REFLECTOR, "on_map": "the map point lies within 0.10 m of a wall"}
+LABELS = {
+    "reflector": REFLECTOR,
+    "on_map": "the map point lies within 0.10 m of a wall",
+    "time_and_direction": "within 10 samples and 10 degrees of a true echo",
+}
 """What a confidence of 1 says."""
 
 

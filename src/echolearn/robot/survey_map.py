@@ -21,7 +21,14 @@ from echolearn.mapping.files import grid, ply, svg, table
 from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.robot.advice import causes
 from echolearn.robot.choices import open_survey, with_gains
-from echolearn.robot.map_folder import describe_map, finished_map, report, told, write_map
+from echolearn.robot.map_folder import (
+    describe_map,
+    finished_map,
+    judged,
+    report,
+    told,
+    write_map,
+)
 from echolearn.robot.scorer import Scorer, load
 from echolearn.runtime.progress import track
 from echolearn.storage import manifests
@@ -153,9 +160,11 @@ class _Order:
         health = examine(self.walk)
         walk = mended(self.walk, health)
         mapped = score_survey(self.scorer, walk, resolution=self.asked["resolution"])
-        files = {key: value for each in self.writers for key, value in each.write(mapped).items()}
+        # Times and directions alone are a table.
+        writers = self.writers if walk.mapped else [table]
+        files = {key: value for each in writers for key, value in each.write(mapped).items()}
         why = causes(mapped, health, window=self.scorer.bundle.localizer.window)
-        about = describe_map(mapped, why) | told(health)
+        about = describe_map(mapped, why) | told(health) | judged(mapped, walk)
 
         hint = "is it still being recorded? map it again when it is complete"
         allowed = "must not change while it is mapped"
@@ -197,6 +206,7 @@ def score_survey(scorer: Scorer, walk: Survey, *, resolution: float = 0.05) -> M
             speed_of_sound=walk.speed_of_sound,
             heading_bias_sd=walk.heading_bias_sd,
         ),
+        placed=walk.mapped,
     )
 
 

@@ -13,7 +13,13 @@ from echolearn.acoustics.types import Array
 from echolearn.classifiers.inputs import as_input, stack_inputs
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import stats
-from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Predictions, Recordings
+from echolearn.evaluation.rows import (
+    LabelledRows,
+    LocalizedSurvey,
+    MeasuredRows,
+    Predictions,
+    Recordings,
+)
 from echolearn.localization.columns import TENSORS
 from echolearn.simulation.scene import noise_kind
 from echolearn.storage import known, manifests
@@ -109,6 +115,12 @@ def predict_echoes(run: Run, survey: LocalizedSurvey) -> Predictions:
     """Return what a run predicts about every echo of a survey."""
     rows = np.arange(len(survey.points))
     return Predictions(run.seed, rows, predict(run, survey.columns), run.threshold)
+
+
+def predict_measured(run: Run, measured: MeasuredRows) -> Predictions:
+    """Return what a run predicts about every echo of recorded surveys."""
+    rows = np.arange(len(measured.labelled.reference))
+    return Predictions(run.seed, rows, predict(run, measured.columns), run.threshold)
 
 
 def label_rows(dataset: Dataset, *, resamples: int) -> LabelledRows:

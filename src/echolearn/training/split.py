@@ -22,7 +22,7 @@ from echolearn.storage.tables import check_plain
 SHARE = partial(check_number, low=0.01, high=0.9)
 FIELDS = {
     "dataset": ...,
-    "target": ("reflector", "on_map"),
+    "target": ("reflector", "on_map", "time_and_direction"),
     "seed": partial(check_whole, low=0, high=2**31 - 1),
     "split": ("position", "row"),
     "test_share": SHARE,
@@ -45,7 +45,7 @@ class LearningProblem:
 
     Attributes:
         dataset: labelled observations.
-        target: label to learn, "reflector" (the paper's) or "on_map".
+        target: label to learn, "reflector" (the paper's), "on_map" or "time_and_direction".
         seed: seed of the division.
         split: unit that is never divided, "position", or the leaky "row".
         test_share: share of all positions that is for testing.

@@ -56,6 +56,7 @@ def train(
     config: Mapping[str, Any],
     runs: Path,
     folds: int = 0,
+    microphones: Array | None = None,
     command: str | None = None,
 ) -> Metrics:
     """Fit, calibrate, export and evaluate one classifier, unless that has been done.
@@ -67,6 +68,8 @@ def train(
         config: what `classifier` is made from, as plain containers; part of the run's identity.
         runs: folder of everything generated.
         folds: folds of a cross-validation on all that is not for testing (the paper has 5), or 0.
+        microphones: positions in the set's recordings, shape (M, 3), in m, for the metrics: by them
+            other recordings are known to be of the same array; None says nothing about them.
         command: what makes the run again, for its metrics; None says nothing about it.
 
     Returns:
@@ -93,7 +96,10 @@ def train(
     problem.parts()
     from echolearn.training.tensorboard import writable
 
-    make = partial(make_run, problem, classifier, identity=identity, folder=folder, command=command)
+    told = manifests.command_entry(command)
+    if microphones is not None:
+        told |= {"microphones": np.asarray(microphones).tolist()}
+    make = partial(make_run, problem, classifier, identity=identity, folder=folder, told=told)
     with writable(folder):
         return once(folder, finished=finished, make=make, doing="trains this run")
 
@@ -122,7 +128,7 @@ def make_run(
     *,
     identity: Mapping[str, Any],
     folder: Path,
-    command: str | None,
+    told: Mapping[str, Any],
 ) -> Metrics:
     """Do all the work of one run and return its metrics.
 
@@ -131,7 +137,7 @@ def make_run(
         classifier: makes it, unfitted.
         identity: what the run is made from, for `config.json`.
         folder: folder of the run; what an interrupted command has left there goes.
-        command: what makes the run again, or None.
+        told: what the metrics say besides: the command that makes the run again, and so on.
     """
     began = time.monotonic()
     # What a killed command has left would stand among the results of this one.
@@ -148,7 +154,7 @@ def make_run(
         "format": FORMAT,
         "name": identity["name"],
         **problem.identity(),
-        **manifests.command_entry(command),
+        **told,
         **facts_of(fitted),
         "rows": {part: len(rows) for part, rows in parts._asdict().items()},
         "cross_validation": cross_validate(problem, classifier, folds=folds, folder=folder),

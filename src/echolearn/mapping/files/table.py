@@ -15,7 +15,12 @@ WALLS = "x0_m y0_m x1_m y1_m normal_rad offset_m normal_sd_rad offset_sd_m rms_m
 
 
 def write(walk: MappedWalk) -> Files:
-    """Return both tables; floats in shortest form."""
+    """Return both tables; floats in shortest form. Without a map there are no places, no walls."""
+    if not walk.placed:
+        rows: list[Sequence[float | str]] = []
+        for number, _, _, *rest in echo_rows(walk):
+            rows.append([number, "", "", *rest])
+        return {"map.csv": csv_bytes(COLUMNS, rows)}
     return {
         "map.csv": csv_bytes(COLUMNS, echo_rows(walk)),
         "walls.csv": csv_bytes(WALLS, wall_rows(walk)),
@@ -42,7 +47,8 @@ def wall_rows(walk: MappedWalk) -> Iterable[Sequence[float]]:
         yield *ends, line.normal, line.offset, *sds, line.rms, line.points
 
 
-def csv_bytes(columns: Sequence[str], rows: Iterable[Sequence[float]]) -> bytes:
-    """Return rows of numbers as CSV text."""
-    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
+def csv_bytes(columns: Sequence[str], rows: Iterable[Sequence[float | str]]) -> bytes:
+    """Return rows of numbers as CSV text; texts as they are."""
+    cells = ([cell if isinstance(cell, str) else repr(cell) for cell in row] for row in rows)
+    lines = [",".join(columns), *map(",".join, cells)]
     return "\n".join([*lines, ""]).encode()

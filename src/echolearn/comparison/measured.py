@@ -1,0 +1,164 @@
+"""Recorded surveys as rows to be judged: every echo, true or not, instead of the map they leave.
+
+    surveys of one kind (room, array, protocol), at any SNR --localize--> MeasuredRows
+
+Labels come from `truth.csv`: within 10 samples and 10 degrees of a true echo, one to one, and
+within 10 samples alone; where directions are not known, by time alone. Without that table, from the
+outline in `survey.yaml`: the echo's point lies within 0.10 m of a wall. Rows of one place of the
+loudspeaker (column `place` of `poses.csv`), or else of one pose, are resampled together.
+"""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echolearn.acoustics.sides import distance_to_outline
+from echolearn.acoustics.types import Echoes
+from echolearn.checks import BadValue, check
+from echolearn.comparison.conditions import joint_snr_db, room_of
+from echolearn.comparison.localized import localized
+from echolearn.evaluation import stats
+from echolearn.evaluation.labelling import Labels, joined, label_echoes
+from echolearn.evaluation.map_metrics import MAP_TOLERANCE
+from echolearn.evaluation.rows import LabelledRows, MeasuredRows, Recordings
+from echolearn.localization.localizer import Localizer
+from echolearn.mapping.echo_map import echo_map
+from echolearn.survey import reader
+from echolearn.survey.survey import Survey
+
+SIMULATED = "simulated.json"
+"""File by which a simulated walk is known; its map is evaluated, and nothing else."""
+
+
+class Unheard(BadValue):
+    """A localizer that cannot work on what was recorded."""
+
+
+def is_measured(folder: Path) -> bool:
+    """Tell whether the echoes of a survey are to be judged one by one: it was recorded."""
+    return not (Path(folder) / SIMULATED).is_file()
+
+
+def is_mapped(folder: Path) -> bool:
+    """Tell whether a survey leaves a map that can be judged by the outline of its room."""
+    survey = reader.read_survey(folder)
+    return survey.mapped and (survey.walls is not None or survey.truth is None)
+
+
+def grouped(folders: Mapping[str, Path]) -> dict[str, list[Path]]:
+    """Return recorded surveys by the name under which they are judged together.
+
+    Those with `truth.csv` of one room, array, probe and protocol differ in noise alone.
+
+    Args:
+        folders: folders of surveys by name.
+    """
+    found = defaultdict(list)
+    for name, folder in folders.items():
+        if not is_measured(folder):
+            continue
+        survey = reader.read_survey(folder)
+        alone = survey.truth is None or "room" not in survey.conditions
+        title = name if alone else room_of(survey.conditions, name)
+        if survey.conditions.get("protocol") == "none":
+            title += ", as they are"
+        key = title, survey.array, survey.probe.sample_rate, survey.probe.length
+        found[key].append((name, folder))
+    named: dict[str, list[Path]] = {}
+    for (title, *_), surveys in found.items():
+        # Of two kinds of recordings in one room the second is called after its first survey.
+        known = surveys[0][0] if title in named else title
+        named[known] = [folder for _, folder in surveys]
+    return named
+
+
+def measure(
+    group: str, folders: Sequence[Path], localizer: Localizer, *, name: str, resamples: int
+) -> MeasuredRows:
+    """Localize and describe every recording of some surveys, and label its echoes.
+
+    Args:
+        group: name under which they are judged.
+        folders: their folders.
+        localizer: estimates the echoes.
+        name: name of the localizer.
+        resamples: bootstrap draws over the places.
+
+    Raises:
+        BadValue: a survey without `truth.csv` and outline, or one that the localizer cannot work
+            on.
+    """
+    window = localizer.window
+    surveys = [replace(reader.read_survey(folder), window=window) for folder in folders]
+    columns = defaultdict(list)
+    labels = []
+    places: list[str] = []
+    levels = []
+    for survey in surveys:
+        try:
+            echoes, found = localized(survey, localizer)
+        except BadValue as error:
+            raise Unheard(str(error)) from None
+        for key, column in found.items():
+            columns[key].append(column)
+        labels.append(labels_of(survey, echoes))
+        places += [each for each in places_of(survey) for _ in range(localizer.echoes)]
+        count = len(survey.poses) * localizer.echoes
+        levels.append(np.full(count, joint_snr_db(survey.conditions)))
+    strict = joined([each.strict for each in labels])
+    by_time = joined([each.by_time for each in labels])
+    groups = np.unique(places, return_inverse=True)[1]
+    about = surveys[0].conditions
+    source = Recordings(
+        group,
+        kind="measured",
+        noise=str(about.get("noise", "unknown")),
+        room=room_of(about, group),
+        localizer=name,
+    )
+    reference = by_time if strict is None else strict
+    check(reference is not None, "surveys", group, allowed="must tell the truth in one way")
+    label = "reflector" if strict is None else "on_map"
+    return MeasuredRows(
+        LabelledRows(
+            source,
+            reference=np.asarray(reference),
+            groups=groups,
+            joint_snr_db=np.concatenate(levels),
+            weights=stats.cluster_weights(groups, resamples=resamples),
+        ),
+        label="time_and_direction" if strict is not None and by_time is not None else label,
+        by_time=by_time,
+        columns={key: np.concatenate(parts) for key, parts in columns.items()},
+        places=len(np.unique(groups)),
+    )
+
+
+def labels_of(survey: Survey, echoes: Echoes) -> Labels:
+    """Return which echoes of a survey are true, pose by pose.
+
+    Raises:
+        BadValue: nothing tells.
+    """
+    if survey.truth is not None:
+        # In samples of what is read, as the label of sets counts.
+        return label_echoes(survey.truth, echoes, sample_rate=survey.emitted.sample_rate)
+    place = f"{survey.folder}/survey.yaml"
+    allowed = "must be the room's outline, or there must be a truth.csv, to judge echoes by"
+    known = survey.walls is not None and survey.mapped
+    check(known, f"{place} walls", None, allowed=allowed)
+    about: Any = {"array": survey.array, "speed_of_sound": survey.speed_of_sound}
+    points = echo_map(echoes, survey.poses, **about).points
+    return Labels(distance_to_outline(points, np.asarray(survey.walls)) <= MAP_TOLERANCE, None)
+
+
+def places_of(survey: Survey) -> list[str]:
+    """Return the place of each pose: what `poses.csv` calls it, or else the pose itself."""
+    named = survey.further.get("place")
+    if named is not None:
+        return list(named)
+    return [f"{survey.folder.name} {number}" for number in survey.numbers]
