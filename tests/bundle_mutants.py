@@ -2,6 +2,8 @@
 
 import json
 import os
+import socket
+import warnings
 import zipfile
 from collections.abc import Callable
 from functools import partial
@@ -171,6 +173,14 @@ def written(text: str) -> Mutate:
     return lambda folder: (folder / "bundle.json").write_text(text)
 
 
+def bound(path: Path) -> None:
+    """Put a socket in place, whose path may be too long to be told at once."""
+    above = os.open(path.parent, os.O_RDONLY)
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(f"/proc/self/fd/{above}/{path.name}")
+    os.close(above)
+
+
 def swapped(folder: Path) -> None:
     """Exchange model and golden inputs, and seal."""
     (folder / "model.onnx").rename(folder / "other")
@@ -179,10 +189,39 @@ def swapped(folder: Path) -> None:
     seal(folder)
 
 
+def archived(*names: str, method: int = zipfile.ZIP_STORED, size: int = 0) -> Mutate:
+    """Return the mutation that makes an archive of files with these names, of zeros."""
+    buffer = BytesIO()
+    with warnings.catch_warnings(), zipfile.ZipFile(buffer, "w", method) as archive:
+        warnings.simplefilter("ignore", UserWarning)  # names may be there twice
+        for name in names:
+            archive.writestr(name, bytes(size))
+    return replaced("golden.npz", lambda _: buffer.getvalue())
+
+
+def boastful(data: bytes) -> bytes:
+    """Return an archive whose directory says that each of its files has 2 GiB."""
+    head, *entries = data.split(b"PK\x01\x02")
+    huge = (2**31 - 2).to_bytes(4, "little") * 2
+    return b"PK\x01\x02".join([head, *(each[:16] + huge + each[24:] for each in entries)])
+
+
+def sparse(proto: Any) -> None:
+    """Add a sparse tensor of 2^40 numbers, of which one is there."""
+    value, place = (numpy_helper.from_array(np.array([1]), name) for name in ("v", "i"))
+    proto.graph.sparse_initializer.append(helper.make_sparse_tensor(value, place, [2**40]))
+
+
+def opset(version: int, domain: str = "") -> Mutate:
+    """Return the mutation that imports an operator set more."""
+    return model(lambda m: m.opset_import.append(helper.make_opsetid(domain, version)))
+
+
 MANY = 2**34
 WORDS = np.array(["a", "b"], dtype=object)
 ONE = np.ones(1, np.float32)
 BODY = helper.make_graph([], "body", [], [])
+BRANCHES = {"then_branch": BODY, "else_branch": BODY}
 MILLIONS = 3 << 20
 HUGE = "{'descr': '<f4', 'fortran_order': False, 'shape': (10000000000, 4)}"
 
@@ -199,6 +238,15 @@ BUNDLES: dict[str, tuple[Mutate, str]] = {
     "nested without end": (written("[" * 10**5), "cannot be read as JSON"),
     "a number without end": (written("9" * 10**5), "cannot be read as JSON"),
     "NaN": (written('{"a": NaN}'), "cannot be read as JSON (NaN is no number)"),
+    "infinity": (written('{"a": 1e999}'), "(a=inf: must be a finite number"),
+    "a key twice": (written('{"a": 1, "a": 2}'), "damaged"),
+    "half a character": (written('{"name": "\\ud800"}'), "damaged"),
+    "another encoding": (
+        lambda f: (f / "bundle.json").write_text((f / "bundle.json").read_text(), "utf-16"),
+        "damaged",
+    ),
+    "a socket": (instead("model.onnx", bound), "cannot be read"),
+    "a link to itself": (instead("probe.wav", lambda p: p.symlink_to(p.name)), "symbolic link"),
     "golden other inputs": (arrays(x=lambda x: x[::-1]), "golden confidences differ"),
     "golden other answers": (arrays(confidence=lambda c: c + 1e-4), "differ by 0.0001"),
     "golden NaN": (arrays(confidence=lambda c: c * np.nan), "confidence=NaN or infinity"),
@@ -208,6 +256,14 @@ BUNDLES: dict[str, tuple[Mutate, str]] = {
     "golden one more": (arrays(code=lambda _: np.zeros(1)), "not the arrays"),
     "golden one fewer": (arrays(confidence=lambda _: None), "not the arrays"),
     "golden zipped": (replaced("golden.npz", zipped), "not the arrays"),
+    "golden bomb": (
+        archived("x.npy", "confidence.npy", method=zipfile.ZIP_DEFLATED, size=1 << 28),
+        "not the arrays",
+    ),
+    "golden of many files": (archived(*map(str, range(99_999))), "not the arrays"),
+    "golden of a file twice": (archived("x.npy", "x.npy", "confidence.npy"), "not the arrays"),
+    "golden outside": (archived("../../x.npy", "/etc/passwd"), "not the arrays"),
+    "golden boastful": (replaced("golden.npz", boastful), "not the arrays"),
     "golden giant": (headed(HUGE), "not the arrays"),
     "golden no literal": (headed("__import__('os').system('true')"), "not the arrays"),
     "probe of another length": (
@@ -236,6 +292,51 @@ BUNDLES: dict[str, tuple[Mutate, str]] = {
         "domain='evil': must be operators of ONNX itself, none custom",
     ),
     "model with a loop": (graph(node("Identity", "x", body=BODY)), "content=a subgraph"),
+    "model with branches": (graph(node("If", "x", **BRANCHES)), "operator='If': must be"),
+    "model with hidden branches": (graph(node("Identity", "x", **BRANCHES)), "content=a subgraph"),
+    "model with many graphs": (graph(node("Identity", "x", g=[BODY, BODY])), "content=a subgraph"),
+    "model that scans": (
+        graph(node("Scan", "x", body=BODY, num_scan_inputs=1)),
+        "operator='Scan': must be",
+    ),
+    "model with sparse numbers": (model(sparse), "content=sparse tensors"),
+    "model with data elsewhere, unsaid": (
+        model(lambda m: m.graph.initializer[0].external_data.add(key="location", value="/etc")),
+        "content=data in another file",
+    ),
+    "model that says data are elsewhere": (
+        model(lambda m: setattr(m.graph.initializer[0], "data_location", TensorProto.EXTERNAL)),
+        "data location=1: must be inside the file",
+    ),
+    "model of infinite weights": (
+        ending("y", node("Mul", "x infinite", "y"), infinite=ONE * np.inf),
+        "numbers from 0 to 1",
+    ),
+    "model that imports operators": (opset(1, "evil"), "domain='evil'"),
+    "model that imports ai.onnx.ml": (opset(3, "ai.onnx.ml"), "domain='ai.onnx.ml'"),
+    "model of operators to come": (opset(10**9), "onnxruntime refuses it"),
+    "model of negative operators": (opset(-5), "onnxruntime refuses it"),
+    "model in a circle": (
+        graph(node("Add", "x b", "a"), node("Add", "x a", "b"), node("Identity", "a")),
+        "onnxruntime refuses it",
+    ),
+    "model of one name twice": (
+        graph(node("Abs", "x", "a"), node("Neg", "x", "a"), node("Identity", "a")),
+        "onnxruntime refuses it",
+    ),
+    "model of names that move the cursor": (
+        graph(node("Identity", "\x1b[2J\x1b]0;a\x07")),
+        "'\\x1b[2J",
+    ),
+    "model with a name of a megabyte": (graph(node("Identity", "x" * 10**6)), "refuses it"),
+    "model of inputs without end": (
+        model(lambda m: setattr(m.graph.input[0].type.tensor_type.shape.dim[0], "dim_value", MANY)),
+        "cannot be computed",
+    ),
+    "model that looks beyond": (
+        ending("y", node("Gather", "x far", "y"), far=[2**40]),
+        "cannot be computed",
+    ),
     "model of an unknown operator": (graph(node("Steal", "x")), "operator='Steal': must be"),
     "model without nodes": (graph(), "no operators"),
     "model of many nodes": (

@@ -197,6 +197,16 @@ def test_a_mistake_is_one_line_and_leaves_nothing_behind(
     assert list(here.iterdir()) == []
 
 
+def test_a_number_of_thousands_of_digits_is_refused_in_plain_words(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for words in (["survey", f"seed={'9' * 5000}"], ["train", "-m", f"seed=1,{'9' * 5000}"]):
+        assert main(words) == 2
+        said = capsys.readouterr().err
+        assert said.startswith("error: seed=") and len(said) < 300 and "sys." not in said
+        assert "cannot be read; Exceeds the limit (4300 digits)" in said
+
+
 @pytest.mark.parametrize("command", [*sorted(COMMANDS), "verify"])
 @pytest.mark.parametrize("name", ["", " "])
 def test_an_empty_name_is_not_this_folder(
@@ -246,8 +256,8 @@ def test_a_sweep_goes_on_after_a_failure_and_names_it(here: Path, capsys: Captur
     out, err = capsys.readouterr()
     assert out == f"{only_set(here).relative_to(here)}\n"
     first, second, last = errors(err)
-    assert first.startswith("error: plan.step=0: plan.step=0 m: must be a number")
-    assert second.startswith("error: plan.step=-1: plan.step=-1 m: must be a number")
+    assert first.startswith("error: plan.step=0 m: must be a number")
+    assert second.startswith("error: plan.step=-1 m: must be a number")
     assert last == "error: 2 of 3 jobs failed: plan.step=0; plan.step=-1"
     assert [path.name for path in here.iterdir()] == ["runs"]
 

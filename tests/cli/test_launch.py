@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from echolearn.checks import BadValue
 from echolearn.cli.config import UsageError
 from echolearn.cli.sweeps import JobsFailed, complaint, run_all
 
@@ -75,8 +76,14 @@ def test_all_jobs_are_done_and_failures_are_named(
 )
 def test_errors_of_the_system_name_the_file_and_what_to_do(number: int, said: str) -> None:
     error = OSError(number, os.strerror(number), "runs/a\nb")
-    assert complaint(error, trace=False, about="seed=1: ") == f"error: seed=1: {said}"
+    assert complaint(error, trace=False, about="seed=1") == f"error: seed=1: {said}"
     assert complaint(OSError("odd"), trace=False) == "error: OSError: odd"
+
+
+@pytest.mark.parametrize("said", ["seed=-1: must be 0", "seed=-1 s: must be 0"])
+def test_a_job_that_is_named_by_what_is_refused_is_named_once(said: str) -> None:
+    assert complaint(BadValue(said), trace=False, about="seed=-1") == f"error: {said}"
+    assert complaint(BadValue(said), trace=False, about="seed=-") == f"error: seed=-: {said}"
 
 
 @pytest.mark.parametrize("where", ["processes", "joblib"])

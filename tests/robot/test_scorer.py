@@ -1,6 +1,7 @@
 """A bundle at work: the laboratory's confidences and points, in a process that has nothing else."""
 
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -217,3 +218,8 @@ def test_three_libraries_are_enough_and_leave_nothing_at_home(
     home = {**os.environ, "HOME": str(tmp_path)}
     subprocess.run([sys.executable, "-c", code, str(packed)], env=home, check=True)
     assert not [path for path in tmp_path.rglob("*") if "onnxruntime" in path.name]
+
+
+def test_a_scorer_is_shown_in_a_line(packed: Path) -> None:
+    """Its model and golden inputs would fill pages."""
+    assert re.fullmatch(r"<Scorer small: trees_features of [a-z_, ]+>", repr(load(packed)))

@@ -37,10 +37,27 @@ def test_different_floats_have_different_digests(a: float, b: float) -> None:
     assert (digest(a) == digest(b)) == (repr(a) == repr(b))
 
 
-@pytest.mark.parametrize("bad", [float("nan"), {"x": float("inf")}, object(), np.zeros(2)])
-def test_what_json_cannot_hold_has_no_digest(bad: object) -> None:
-    with pytest.raises(BadValue, match="plain finite"):
+ENDLESS: list[object] = []
+ENDLESS.append(ENDLESS)
+
+
+@pytest.mark.parametrize(
+    ("bad", "said"),
+    [
+        (float("nan"), "value=nan"),
+        ({"a": {"x": [0.0, float("inf")]}, "b": object()}, "a.x.1=inf"),
+        (object(), "value=<object object"),
+        ({"a": 1, "b": np.zeros(2)}, "b=array"),
+        ({"seed": 10**5000}, "seed=a number of thousands of digits"),
+        ({1: 2, "a": 3}, "keys=of several kinds"),
+        (ENDLESS, "0.0.0.0.0"),
+    ],
+)
+def test_what_json_cannot_hold_has_no_digest_and_is_named(bad: object, said: str) -> None:
+    with pytest.raises(BadValue) as refused:
         digest(bad)
+    assert str(refused.value).startswith(said) and len(str(refused.value)) < 200
+    assert str(refused.value).endswith("must be a finite number, a text, a list or a mapping")
 
 
 def test_names_are_short_and_arrays_are_known_by_their_bytes() -> None:

@@ -20,6 +20,7 @@ from echolearn.checks import BadValue, suggest
 from echolearn.cli.config import Config, UsageError, folder
 from echolearn.cli.targets import TARGET
 from echolearn.cli.words import TEXTS, is_text, plain_config, quoted, split
+from echolearn.storage.files import one_line
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
@@ -94,6 +95,8 @@ def _parse(word: str) -> "Override":
         elif value[:1] in ("'", '"', "") or ({*value} & {*"[{"} and not text):
             hint = "are quotes or brackets missing?"
         raise UsageError(f"{word}: cannot be read; {hint}") from error
+    except ValueError as error:
+        raise UsageError(f"{word:.100}: cannot be read; {one_line(error)}") from error
 
 
 def _spread(override: "Override", *, many: bool) -> list[str]:

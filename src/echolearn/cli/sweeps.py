@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 from echolearn.checks import BadValue, printable
 from echolearn.cli.config import UsageError, folder
 from echolearn.runtime.processes import processes, single_threads
+from echolearn.storage.files import one_line
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -106,7 +107,7 @@ def _attempt(work: Callable[[Any], Any], job: Job, *, trace: bool) -> Outcome:
     try:
         return work(argument), ""
     except Exception as error:
-        return None, complaint(error, trace=trace, about=f"{name}: ")
+        return None, complaint(error, trace=trace, about=name)
 
 
 def complaint(error: Exception, *, trace: bool, about: str = "") -> str:
@@ -115,9 +116,9 @@ def complaint(error: Exception, *, trace: bool, about: str = "") -> str:
     Args:
         error: what was raised.
         trace: whether its traceback stands before the line.
-        about: beginning of the line, which names the job.
+        about: name of the job, with which the line begins.
     """
-    reason = f"{type(error).__name__}: {error}"
+    reason = f"{type(error).__name__}: {one_line(error)}"
     if isinstance(error, BadValue | UsageError | JobsFailed):
         reason = f"{error}"
     elif isinstance(error, ModuleNotFoundError):
@@ -126,7 +127,10 @@ def complaint(error: Exception, *, trace: bool, about: str = "") -> str:
         advice = ADVICE.get(error.errno or 0, "is it the right one?")
         reason = f"{os.fsdecode(error.filename)}: {error.strerror}; {advice}"
     before = "".join(traceback.format_exception(error)) if trace else ""
-    return f"{before}error: {printable(about + ' '.join(reason.split()))}"
+    # What is refused is often what names the job: survey=nope, plan.step=0 m.
+    if about and not reason.startswith((f"{about}:", f"{about} ")):
+        reason = f"{about}: {reason}"
+    return f"{before}error: {printable(' '.join(reason.split()))}"
 
 
 def _in_processes(

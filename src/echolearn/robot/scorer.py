@@ -65,6 +65,12 @@ class Scorer:
     bundle: Bundle
     compute: Callable[[Array], Array]
 
+    def __repr__(self) -> str:
+        """Name the bundle; what it holds would fill pages."""
+        about = self.bundle.about
+        inputs = ", ".join(self.bundle.inputs)
+        return f"<Scorer {about['name']}: {about['classifier']} of {inputs}>"
+
     def __call__(self, inputs: Array) -> Array:
         """Return the belief in each echo, 0 to 1, shape (B,).
 

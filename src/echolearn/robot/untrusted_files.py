@@ -67,7 +67,7 @@ def read_arrays(
             names = sorted(member.filename for member in members)
             plain = {member.compress_type for member in members} == {zipfile.ZIP_STORED}
             if names != sorted(f"{key}.npy" for key in expected) or not plain:
-                raise ValueError(f"holds {names}, packed or not")
+                raise ValueError(f"holds {names[:5]}, packed or not")
             arrays = {
                 key: _array(archive.read(f"{key}.npy"), *kind) for key, kind in expected.items()
             }

@@ -10,6 +10,7 @@ they know whether it is the only one.
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -25,6 +26,12 @@ LATER = {"later": True}
 """Metadata of a field that came after values of its class had been made: while it has its default,
 it is no part of their identity, so that what was made before keeps its name."""
 
+DEEPEST = 2000
+"""Characters of a dotted name, beyond which containers are nested in themselves."""
+
+LONGEST_NUMBER = 14_000
+"""Bits of a whole number; Python writes none of more than 4300 digits."""
+
 TARGET = "_target_"
 """Key under which a configuration names what it calls."""
 
@@ -37,10 +44,29 @@ def canonical(plain: Any) -> bytes:
     """
     try:
         return json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
-    except (TypeError, ValueError, RecursionError) as error:
-        raise BadValue(
-            f"config={plain!r:.200}: plain finite numbers, texts, lists and mappings; {error}"
-        ) from None
+    except (TypeError, ValueError, RecursionError):
+        allowed = "must be a finite number, a text, a list or a mapping"
+        raise BadValue(f"{_misfit(plain)}: {allowed}") from None
+
+
+def _misfit(plain: Any) -> str:
+    """Return what of some containers JSON cannot hold, after its dotted name."""
+    waiting: list[tuple[str, Any]] = [("", plain)]
+    while waiting:
+        name, value = waiting.pop()
+        if len(name) > DEEPEST:
+            return f"{name:.60}=nested too deep"
+        if isinstance(value, Mapping | list | tuple):
+            pairs = value.items() if isinstance(value, Mapping) else enumerate(value)
+            # From the last, so that the first is looked at first.
+            waiting += [(f"{name}.{key!s:.60}".strip("."), each) for key, each in pairs][::-1]
+        elif isinstance(value, int) and value.bit_length() > LONGEST_NUMBER:
+            return f"{name or 'value'}=a number of thousands of digits"
+        elif isinstance(value, float) and not math.isfinite(value):
+            return f"{name or 'value'}={value}"
+        elif not isinstance(value, str | int | float | None):
+            return f"{name or 'value'}={value!r:.100}"
+    return "keys=of several kinds"
 
 
 def digest(plain: Any) -> str:

@@ -23,6 +23,10 @@ from echolearn.survey import wav
 LARGEST = 64 << 20
 """Bytes that an audio file may have."""
 
+LOUDEST = 1e12
+LOUD = "is it in another format than its header says?"
+"""What samples may reach, whose squares and products a computer still holds, and what to ask."""
+
 HEADERS = 1 << 16
 """Bytes besides its samples that a recording may have."""
 
@@ -109,6 +113,9 @@ def wav_samples(
     _check_rate(name, rate, wanted=sample_rate)
     finite = bool(np.isfinite(samples).all())
     check(finite, name, "NaN or infinity", allowed="must be finite samples")
+    loudest = np.abs(samples).max(initial=0.0)
+    allowed = f"must be samples of at most {LOUDEST:g}; full scale is 1"
+    check(loudest <= LOUDEST, name, f"{loudest:g}", allowed=allowed, hint=LOUD)
     return samples
 
 

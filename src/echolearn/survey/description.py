@@ -34,6 +34,9 @@ LARGEST_YAML = 1 << 17
 DEEPEST = 20
 """Brackets within brackets that `survey.yaml` may have; coordinates need two."""
 
+MOST_TOKENS = 40_000
+"""Words and marks that `survey.yaml` may have; 256 microphones have 2 000."""
+
 UNKNOWN = "leave it out where it is not known"
 
 
@@ -115,8 +118,13 @@ def _load(text: str) -> Any:
         depth += (character in "[{") - (character in "]}")
         if depth > DEEPEST:
             raise ValueError(f"it is nested more than {DEEPEST} deep")
-    if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
-        raise ValueError("it holds an alias, *name, by which little text can become endless lists")
+    for count, token in enumerate(yaml.scan(text)):
+        if isinstance(token, yaml.AliasToken):
+            endless = "by which little text can become endless lists"
+            raise ValueError(f"it holds an alias, *name, {endless}")
+        # Two characters can be an entry, each of which takes a parser a tenth of a millisecond.
+        if count == MOST_TOKENS:
+            raise ValueError(f"it has more than {MOST_TOKENS} words and marks")
 
     # The tree of nodes still has both of two equal keys; the mapping made of it would not.
     node = yaml.compose(text, Loader=Loader)

@@ -43,7 +43,12 @@ INSIDE = "must be a path inside the survey's folder"
 
 def inside(folder: Path, name: str) -> bool:
     """Tell whether a file of a survey lies in its folder, links followed."""
-    return "\0" not in name and (folder / name).resolve().is_relative_to(folder.resolve())
+    if "\0" in name:
+        return False
+    try:
+        return (folder / name).resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # links in a circle
+        return False
 
 
 def read_survey(folder: Path) -> Survey:
