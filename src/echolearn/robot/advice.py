@@ -44,9 +44,9 @@ def causes(mapped: MappedWalk, health: Health, *, window: SearchWindow) -> list[
         return []
     drawn = int(np.sum(mapped.shown))
     if not drawn:
-        return [*_of_geometry(mapped, window), *_of_recordings(health), LAST]
+        return [*_of_geometry(mapped, window), *health.noticed, *_of_recordings(health), LAST]
     if drawn >= MANY and not mapped.lines:
-        return [PLACES, *_of_recordings(health)]
+        return [*health.noticed, PLACES, *_of_recordings(health)]
     return []
 
 
@@ -71,7 +71,6 @@ def _of_geometry(mapped: MappedWalk, window: SearchWindow) -> Iterator[str]:
 
 def _of_recordings(health: Health) -> Iterator[str]:
     """Yield what the recordings show."""
-    yield from health.noticed
     known = health.snr_db[np.isfinite(health.snr_db)]
     if len(known) and np.median(known) < FEW_DB:
         yield f"the SNR is {np.median(known):.0f} dB: average several pings at each pose"

@@ -33,7 +33,8 @@ FINE = "fine"
 
 UNSEEN = (
     "What cannot be seen: samples lost after the direct path, where the loss leaves neither zeros "
-    "nor a repeated block."
+    "nor a repeated block; sound that leaks between all microphones alike; an array turned or "
+    "mirrored, where the robot hardly moves or hears no walls."
 )
 """What no check tells."""
 

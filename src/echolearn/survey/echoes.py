@@ -15,7 +15,7 @@ from scipy import fft
 
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.survey.arrivals import SEEN, Arrivals, largest
-from echolearn.survey.exchange import louder
+from echolearn.survey.exchange import strongest
 from echolearn.survey.time_zero import Direct
 
 AFTER = 32
@@ -33,7 +33,8 @@ class Echo(NamedTuple):
         sign: of the echo at each microphone, shape (M,); 0 where it is not seen.
         lag: of the largest |r| of each microphone by itself, shape (M,), in samples.
         score: of that as a normalised correlation, shape (M,).
-        louder: by how much echoes would be if two microphones were exchanged (`exchange`).
+        louder, path, azimuth: of the strongest echoes, as `exchange` has them, shape (ECHOES, ...);
+            the path in samples since the emission.
         alike: rho between microphones, shape (M, M).
         drift: rate of the recorder's clock against the player's less 1; NaN if not measured.
     """
@@ -43,6 +44,8 @@ class Echo(NamedTuple):
     lag: Array
     score: Array
     louder: Array
+    path: Array
+    azimuth: Array
     alike: Array
     drift: float
 
@@ -66,8 +69,8 @@ def measure_echoes(
         array: the microphones.
         scale: samples per metre of path.
     """
-    strongest, highest = largest(found.outputs)
-    burst = strongest - found.zero
+    crest, highest = largest(found.outputs)
+    burst = crest - found.zero
     start = found.zero
     if direct is not None:
         late = np.nan_to_num(direct.latency) + lags
@@ -81,12 +84,15 @@ def measure_echoes(
     place = int(np.abs(outputs[loudest]).argmax())
     _, height = wave(outputs, place, reach=reach)
     seen = np.abs(height) / found.noise
+    echoes = strongest(outputs, found.noise, positions=array.positions * scale)
     return Echo(
         seen=seen,
         sign=np.where(seen > SEEN, np.sign(height), 0.0),
         lag=burst,
         score=scores(samples, burst, heights=highest, length=len(found.probe.samples)),
-        louder=louder(outputs, found.noise, positions=array.positions * scale),
+        louder=echoes.louder,
+        path=echoes.lag + start - found.zero,
+        azimuth=echoes.azimuth,
         alike=instant(samples, found),
         drift=drift(samples, burst, probe=found.probe),
     )

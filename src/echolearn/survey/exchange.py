@@ -37,7 +37,7 @@ CLEAR = 5.0
 """
 
 FEWEST = 6
-"""Recordings of a stretch that is asked."""
+"""Recordings that must have become louder, more than half of those of a stretch that tell."""
 
 
 class Exchange(NamedTuple):
@@ -57,8 +57,22 @@ def pairs_of(count: int) -> list[tuple[int, int]]:
     return list(combinations(range(count), 2))
 
 
-def louder(outputs: Array, noise: Array, *, positions: Array) -> Array:
-    """Return z_ij for the strongest echoes of a recording, shape (ECHOES, pairs); NaN if unseen.
+class Strongest(NamedTuple):
+    """The strongest echoes of a recording; NaN where none is seen.
+
+    Attributes:
+        louder: z_ij of each, shape (ECHOES, pairs).
+        lag: at the array's middle, shape (ECHOES,), in samples.
+        azimuth: shape (ECHOES,), in rad; NaN of what comes along the axis.
+    """
+
+    louder: Array
+    lag: Array
+    azimuth: Array
+
+
+def strongest(outputs: Array, noise: Array, *, positions: Array) -> Strongest:
+    """Return the strongest echoes of a recording.
 
     Args:
         outputs: of the matched filter without the direct path, shape (M, K).
@@ -72,12 +86,13 @@ def louder(outputs: Array, noise: Array, *, positions: Array) -> Array:
     # All microphones hear an echo within the array's width, whoever they are.
     power = np.sum(heard**2, axis=0)
     around = np.convolve(power, np.ones(2 * reach + 1), "same")
-    found = np.full((ECHOES, len(pairs_of(len(positions)))), np.nan)
-    for row in range(ECHOES):
+    rows = []
+    for _ in range(ECHOES):
         place = int(around[sides:-sides].argmax()) + sides
-        found[row] = _louder_at(heard[:, place - sides : place + sides + 1], delays, reach=reach)
+        z, lag, azimuth = _echo_at(heard[:, place - sides : place + sides + 1], delays, reach=reach)
+        rows.append((z, lag + place - 2 * sides, azimuth))
         around[max(place - 2 * reach, 0) : place + 2 * reach + 1] = 0.0
-    return found
+    return Strongest(*map(np.array, zip(*rows, strict=True)))
 
 
 @lru_cache(maxsize=4)
@@ -90,8 +105,8 @@ def _delays(positions: bytes, count: int) -> Array:
     return -toward @ (places - places.mean(axis=0)).T
 
 
-def _louder_at(heard: Array, delays: Array, *, reach: int) -> Array:
-    """Return z_ij of one echo, shape (pairs,).
+def _echo_at(heard: Array, delays: Array, *, reach: int) -> tuple[Array, float, float]:
+    """Return z_ij of one echo, shape (pairs,), its lag in `heard`, and its azimuth.
 
     Args:
         heard: outputs over their noise around it, shape (M, W).
@@ -109,29 +124,31 @@ def _louder_at(heard: Array, delays: Array, *, reach: int) -> Array:
         np.abs(usual - added[i, i] - added[j, j] + added[i, j] + added[j, i]).max()
         for i, j in pairs_of(count)
     ]
-    best = float(np.abs(usual).max())
+    toward, place = np.unravel_index(int(np.abs(usual).argmax()), usual.shape)
+    best = float(np.abs(usual[toward, place]))
     if max(best, *highest) < SEEN * np.sqrt(count):
-        return np.full(len(highest), np.nan)
-    found: Array = np.array(highest) / best - 1.0
-    return found
+        return np.full(len(highest), np.nan), np.nan, np.nan
+    # The last direction is the axis.
+    azimuth = 2 * np.pi * float(toward) / DIRECTIONS if toward < DIRECTIONS else np.nan
+    return np.array(highest) / best - 1.0, float(lags[place]), azimuth
 
 
 def exchanged(louder: Array) -> Exchange | None:
     """Return the microphones that changed places, if two did, by z_ij (P, ECHOES, pairs)."""
     z = np.where(np.isfinite(louder), louder, 0.0)
     length = len(z)
+    total = z.sum(axis=1)
     # From the beginning up to each recording, and from each on to the end.
-    sums, squares = (_stretches(each.sum(axis=1)) for each in (z, z**2))
-    numbers = np.arange(length)
-    count = np.concatenate([numbers + 1, numbers[:0:-1]])
+    sums, squares, votes, told = map(_stretches, (total, (z**2).sum(axis=1), total > 0, total != 0))
     spread = np.sqrt(squares)
     sure = (sums > SURE * spread) & (sums * np.abs(sums) > CLEAR * spread)
-    sure &= (count >= FEWEST)[:, None]
+    sure &= (votes >= FEWEST) & (2 * votes > told)
     if not sure.any():
         return None
     place, pair = np.unravel_index(int(np.where(sure, sums, 0.0).argmax()), sums.shape)
+    numbers = np.arange(length)
     within = numbers <= place if place < length else numbers > place - length
-    which = within & (z[..., pair].sum(axis=1) > 0)
+    which = within & (total[:, pair] > 0)
     return Exchange(pairs_of(_microphones(z.shape[-1]))[int(pair)], which)
 
 

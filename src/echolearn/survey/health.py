@@ -20,6 +20,7 @@ from echolearn.storage.advice import assignment
 from echolearn.survey import levels, naming, removal, time_zero
 from echolearn.survey.arrivals import arrivals
 from echolearn.survey.channels import judge_channels
+from echolearn.survey.consistency import Heard, inconsistency
 from echolearn.survey.containers import Containers, numbers_of, told
 from echolearn.survey.echoes import Echo
 from echolearn.survey.measuring import Walk, decibels, measure_walk
@@ -130,6 +131,7 @@ def examine(survey: Survey) -> Health:
         mended=tuple(_told(mending, walk, zero=zero)),
         noticed=(
             *verdicts.noticed,
+            *_moving(walk),
             *_reversed(negative, walk.echo),
             *removal.told(survey, removed),
         ),
@@ -232,6 +234,22 @@ def _reversed(negative: float, echo: Echo) -> list[str]:
         f"the strongest echo is negative in {100 * negative:.0f} % of {seen} recordings; "
         "localizer.sign=either takes the largest |r|"
     ]
+
+
+def _moving(walk: Walk) -> list[str]:
+    """Return the line on poses with which the echoes do not move, if they do not."""
+    survey = walk.survey
+    metres = survey.speed_of_sound / survey.probe.sample_rate
+    order = np.argsort(survey.numbers)
+    poses = [survey.poses[place] for place in order]
+    heard = Heard(
+        places=np.array([pose.position[:2] for pose in poses]),
+        headings=np.array([pose.heading for pose in poses]),
+        distance=metres / 2 * np.asarray(walk.echo.path)[order],
+        azimuth=np.asarray(walk.echo.azimuth)[order],
+    )
+    line = inconsistency(heard)
+    return [line] if line else []
 
 
 def _fundamental(tones: tuple[tuple[float, ...], ...], sample_rate: float) -> float:
