@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echolearn.acoustics import arrays, geometry
+from echolearn.acoustics import arrays, bistatic, geometry
 from echolearn.acoustics.geometry import circular_array, direction
 from echolearn.acoustics.types import MicArray
 
@@ -100,6 +100,6 @@ def test_a_millimetre_out_of_its_plane_an_array_is_still_flat():
 def test_waves_are_curved_by_half_the_square_of_the_width_over_the_distance():
     """A microphone y aside of the way to a source 2 D off hears it y^2 / (4 D) later."""
     pair = MicArray(np.array([[0.0, -0.1, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.0]]))
-    error = arrays.plane_wave_error(pair, distance=1.0)
+    error = bistatic.plane_wave_error(pair, distance=1.0)
     assert error == pytest.approx(0.1**2 / 4.0, rel=0.05)
-    assert arrays.plane_wave_error(pair, distance=10.0) == pytest.approx(error / 10, rel=0.05)
+    assert bistatic.plane_wave_error(pair, distance=10.0) == pytest.approx(error / 10, rel=0.05)

@@ -23,6 +23,7 @@ from echolearn.comparison.compare import (
     find_survey,
     load_inputs,
 )
+from echolearn.comparison.drawings import draw_all
 from echolearn.comparison.evaluate import against_baseline
 from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings, pick, to_csv
 from echolearn.storage import manifests
@@ -175,7 +176,7 @@ def flip(path: Path) -> None:
 
 def test_the_number_of_workers_changes_nothing(world: World, compared: Path) -> None:
     found = evaluated(world, workers=2)
-    made = report.make(found, name="small")
+    made = report.make(found, drawings=draw_all(found), name="small")
     made["results.csv"] = to_csv(found.rows, COLUMNS.split())
     made["tests.csv"] = to_csv(found.tests, TEST_COLUMNS.split())
     for name, content in made.items():

@@ -208,7 +208,7 @@ def test_thresholds_alone_make_a_report_and_so_does_one_walk(comparison: Compari
         role=("baseline", "reference"),
         tested_on=(*comparison.sets, "hall_0dB"),
     )
-    made = report.make(few, name="small")
+    made = report.make(few, drawings=drawings.draw_all(few), name="small")
     page = Page(made["report.html"].decode())
     assert "In 6x5x4 at 0 dB, threshold_peak trained on scattered removes" in page.text
     assert "from the bare threshold's" not in page.text
@@ -220,7 +220,7 @@ def test_thresholds_alone_make_a_report_and_so_does_one_walk(comparison: Compari
 def test_without_surveys_there_are_no_maps(comparison: Comparison) -> None:
     """Nor can the comparison's name break the page."""
     bare = only(replace(comparison, surveys={}), kind="set")
-    made = report.make(bare, name="<script>x</script>")
+    made = report.make(bare, drawings=drawings.draw_all(bare), name="<script>x</script>")
     page = Page(made["report.html"].decode())
     assert {name for name in made if name.endswith(".svg")} == {
         "figures/arrival_times.svg", "figures/bands.svg", "figures/belief.svg"

@@ -74,7 +74,7 @@ def test_a_process_that_is_lost_is_a_refusal(
     folder = elsewhere(packed, tmp_path)
     (tmp_path / "lost.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(examination, "__name__", "lost")
+    monkeypatch.setattr(examination, "TRIAL", "lost")
     with pytest.raises(BadValue, match=f"^{folder}: cannot be computed: .* {said}"):
         load(folder)
 
@@ -85,7 +85,7 @@ def test_another_bundle_than_the_examined_one_is_refused(
     folder = elsewhere(packed, tmp_path)
     (tmp_path / "other.py").write_text('print(\'{"digest": "0", "refusal": ""}\')')
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(examination, "__name__", "other")
+    monkeypatch.setattr(examination, "TRIAL", "other")
     with pytest.raises(BadValue, match="must stay as it is while it is examined"):
         load(folder)
 

@@ -1,4 +1,4 @@
-"""Which directions an array of any shape tells apart, and how plane waves are within it.
+"""Which directions an array of any shape tells apart.
 
 An array tells directions by the delays p_m . v / c of its microphones, relative to one another. So
 of v it sees what lies in the span of p_m - c, c their mean: everything where they fill space; not
@@ -10,8 +10,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from echolearn.acoustics.bistatic import echo_direction, echo_path
-from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.types import Array, MicArray
 
 FLAT = 0.01
@@ -100,23 +98,3 @@ def limits(array: MicArray) -> str:
         return "a level plane: cannot tell up from down"
     side = "front from back" if level < UPRIGHT else "a direction from its mirror image"
     return f"{'an upright' if level < UPRIGHT else 'a tilted'} plane: cannot tell {side}"
-
-
-def plane_wave_error(array: MicArray, *, distance: float) -> float:
-    """Return by how much echoes of upright walls are not plane waves within the array, in m.
-
-    It is the largest difference, over directions and microphones, of the way to a microphone less
-    that to microphone 1, from the mirror source itself and by the plane wave that the centre sees.
-
-    Args:
-        array: the microphones.
-        distance: from the loudspeaker to the walls, in m.
-    """
-    normal = direction(np.linspace(-np.pi, np.pi, 72, endpoint=False), np.pi / 2)
-    away = np.full(len(normal), distance)
-    seen = echo_direction(away, normal, array=array)
-    images = 2.0 * away[:, None, None] * normal[:, None]
-    exact = np.linalg.norm(images - array.positions, axis=-1)
-    exact -= echo_path(away, normal, array=array)[:, None]
-    plane = -(seen @ (array.positions - array.positions[0]).T)
-    return float(np.abs(exact - plane).max())

@@ -173,3 +173,23 @@ def wall_points(
         np.asarray(position)[..., :2] + np.stack([x * cos - y * sin, x * sin + y * cos], -1) / 2
     )
     return np.asarray(centre + (away / 2.0)[..., None] * toward)
+
+
+def plane_wave_error(array: MicArray, *, distance: float) -> float:
+    """Return by how much echoes of upright walls are not plane waves within the array, in m.
+
+    It is the largest difference, over directions and microphones, of the way to a microphone less
+    that to microphone 1, from the mirror source itself and by the plane wave that the centre sees.
+
+    Args:
+        array: the microphones.
+        distance: from the loudspeaker to the walls, in m.
+    """
+    normal = direction(np.linspace(-np.pi, np.pi, 72, endpoint=False), np.pi / 2)
+    away = np.full(len(normal), distance)
+    seen = echo_direction(away, normal, array=array)
+    images = 2.0 * away[:, None, None] * normal[:, None]
+    exact = np.linalg.norm(images - array.positions, axis=-1)
+    exact -= echo_path(away, normal, array=array)[:, None]
+    plane = -(seen @ (array.positions - array.positions[0]).T)
+    return float(np.abs(exact - plane).max())

@@ -1,7 +1,5 @@
 """Rooms, boxes or of any outline: their walls, what is inside, true echoes, engines for sound."""
 
-from typing import Protocol
-
 import numpy as np
 
 from echolearn.acoustics.geometry import microphone_positions, turned, wrap
@@ -132,26 +130,3 @@ def true_echoes(
         azimuth=wrap(azimuth),
         elevation=np.arccos(toward[:, 2] / distance),
     )
-
-
-class Responder(Protocol):
-    """An engine for room impulse responses (`echolearn.simulation.responses`)."""
-
-    def __call__(
-        self,
-        room: AnyRoom,
-        source: Array,
-        microphones: Array,
-        *,
-        sample_rate: float,
-        speed_of_sound: float,
-    ) -> Array:
-        """Return impulse responses, shape (M, round(t60 * sample_rate)).
-
-        Args:
-            room: with its walls.
-            source: shape (3,), in m.
-            microphones: shape (M, 3), in m.
-            sample_rate: in Hz.
-            speed_of_sound: in m/s.
-        """

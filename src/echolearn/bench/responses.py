@@ -17,7 +17,6 @@ import numpy as np
 
 from echolearn.acoustics.geometry import microphone_positions
 from echolearn.acoustics.polygon_room import AnyRoom
-from echolearn.acoustics.rooms import Responder
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.bench.measurement import Measurement, Setting
 from echolearn.runtime.progress import track
@@ -26,7 +25,7 @@ from echolearn.simulation.responses import response_length
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.rir.pyroom import Pyroom
 from echolearn.simulation.rir.torch_images import TorchImages, cuda_is_there
-from echolearn.simulation.scene import Scene
+from echolearn.simulation.scene import Responder, Scene
 
 HALL = Room((10.0, 8.0, 6.0), 0.6)
 """The paper's training room."""

@@ -31,7 +31,7 @@ KINDS = {
     "plan": "echolearn.dataset.plans.Plan",
     "probe": "echolearn.acoustics.types.Probe",
     "realism": "echolearn.simulation.realism.Realism",
-    "rir": "echolearn.acoustics.rooms.Responder",
+    "rir": "echolearn.simulation.scene.Responder",
     "room": "echolearn.acoustics.polygon_room.AnyRoom",
     "scene": "echolearn.simulation.scene.Scene",
     "source": "echolearn.survey.measured.Source",

@@ -181,6 +181,8 @@ def _finished(folder: Path, inputs: Mapping[str, Any]) -> Contents | None:
 
 
 def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) -> Contents:
+    from echolearn.comparison.drawings import draw_all
+
     # What an interrupted command or another comparison of this name has left goes first.
     clean(folder)
     clean(folder / "figures")
@@ -188,7 +190,7 @@ def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) ->
         "results.csv": to_csv(comparison.rows, COLUMNS.split()),
         "tests.csv": to_csv(comparison.tests, TEST_COLUMNS.split()),
     }
-    files |= report.make(comparison, name=folder.name)
+    files |= report.make(comparison, drawings=draw_all(comparison), name=folder.name)
     for file, content in files.items():
         write_atomic(folder / file, content)
     finish(folder, {**about, "chosen": chosen_run(comparison).identity}, files)

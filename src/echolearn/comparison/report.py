@@ -8,6 +8,7 @@ import platform
 import re
 import sys
 from base64 import b64encode
+from collections.abc import Mapping
 from contextlib import suppress
 from importlib.metadata import version
 from os import cpu_count
@@ -34,13 +35,17 @@ SHOWN = ("table.md", "figures/maps_first.svg")
 """Files of a comparison that are printed or put beside a README, the better picture first."""
 
 
-def make(comparison: Comparison, *, name: str) -> dict[str, bytes]:
-    """Return the report's files by name: `report.html`, `table.md` and `figures/*.svg`."""
-    from echolearn.comparison.drawings import draw_all
+def make(comparison: Comparison, *, drawings: Mapping[str, str], name: str) -> dict[str, bytes]:
+    """Return the report's files by name: `report.html`, `table.md` and `figures/*.svg`.
 
+    Args:
+        comparison: what was found.
+        drawings: SVG of each figure by name (`drawings.draw_all`).
+        name: of the comparison.
+    """
     files = {}
     images = {}
-    for figure, svg in draw_all(comparison).items():
+    for figure, svg in drawings.items():
         files[f"figures/{figure}.svg"] = svg.encode()
         # Within the page, so that it needs no other file.
         images[figure] = "data:image/svg+xml;base64," + b64encode(svg.encode()).decode()

@@ -70,7 +70,7 @@ def snrs(comparison: Comparison) -> list[str]:
 
 
 def levels(comparison: Comparison) -> list[str]:
-    """Return the SNRs whose maps are shown in tables, the lowest first: there filtering earns most."""
+    """Return the SNRs whose maps are shown in tables, the lowest first."""
     known = snrs(comparison)
     shown = [level for level in SHOWN_DB if level in known]
     return shown or sorted(known, key=float)

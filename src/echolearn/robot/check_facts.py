@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echolearn.acoustics.arrays import limits, plane_wave_error
+from echolearn.acoustics.arrays import limits
+from echolearn.acoustics.bistatic import plane_wave_error
 from echolearn.acoustics.types import Array
 from echolearn.survey.health import Health
 from echolearn.survey.survey import Survey

@@ -1,7 +1,6 @@
 """A bundle or run from elsewhere is tried by a process of its own first, which may be lost.
 
-    digest on the list `storage.known`? --no--> child: limits, then `model.replay` --yes--> list
-                                                (of a run `model.try_run`)
+    digest on the list `storage.known`? --no--> child (`trial`): answers? --yes--> list
 
 Parsing a stranger's model and computing it is the work of libraries that trust their input. The
 child may use `SECONDS` of computing time and `MEMORY` bytes more than it has when it begins, and
@@ -13,9 +12,7 @@ knows.
 """
 
 import json
-import math
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -24,8 +21,10 @@ from pathlib import Path
 
 from echolearn.checks import BadValue, check, printable
 from echolearn.robot.bundle import read_content
-from echolearn.robot.model import replay, try_run
-from echolearn.storage import known, manifests
+from echolearn.storage import known
+
+TRIAL = "echolearn.robot.trial"
+"""Program of the child."""
 
 SECONDS = 2
 """Computing time for a bundle, in s; a classifier takes milliseconds."""
@@ -74,7 +73,7 @@ def _try(kind: str, folder: Path, digest: str) -> None:
     # The child finds echolearn where this process has found it.
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     child = subprocess.run(
-        [sys.executable, "-m", __name__, str(folder.absolute())],
+        [sys.executable, "-m", TRIAL, str(folder.absolute())],
         env=environment,
         stdin=subprocess.DEVNULL,
         capture_output=True,
@@ -100,37 +99,3 @@ def _end(child: subprocess.CompletedProcess[bytes]) -> str:
         how = signal.Signals(-child.returncode).name
     last = child.stderr[-300:].decode("utf-8", "replace").strip().rpartition("\n")[2]
     return f"cannot be computed: the process that examined it ended by {how}; {last}"
-
-
-def limit() -> None:
-    """Limit what this process may use from now on."""
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    until = math.ceil(usage.ru_utime + usage.ru_stime) + SECONDS
-    # A second more, lest the signal be one that says nothing.
-    resource.setrlimit(resource.RLIMIT_CPU, (until, until + 1))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
-    pages = Path("/proc/self/statm")
-    # Where the system does not tell what a process has, it does not limit addresses either.
-    if pages.is_file():
-        most = int(pages.read_text().split()[0]) * resource.getpagesize() + MEMORY
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
-
-
-def answer() -> None:
-    """Load the bundle or run of the first argument under limits, and print what came of it."""
-    folder = Path(sys.argv[1])
-    is_bundle = (folder / manifests.BUNDLE).is_file()
-    found = {"digest": "", "refusal": ""}
-    limit()
-    try:
-        found["digest"] = str(replay(folder)[0].about["sha256"]) if is_bundle else try_run(folder)
-    except BadValue as error:
-        found["refusal"] = str(error)
-    except MemoryError:
-        found["refusal"] = f"{folder}: needs more than {MEMORY >> 20} MiB of memory"
-    print(json.dumps(found))
-
-
-if __name__ == "__main__":
-    answer()

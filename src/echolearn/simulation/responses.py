@@ -1,4 +1,4 @@
-"""Room impulse responses: engines of one interface, `echolearn.acoustics.rooms.Responder`.
+"""Room impulse responses: engines of one interface, `echolearn.simulation.scene.Responder`.
 
 Every engine sums the mirror images of the source whose sound arrives within the response (Allen and
 Berkley 1979),

@@ -3,14 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import microphone_positions
 from echolearn.acoustics.polygon_room import AnyRoom
-from echolearn.acoustics.rooms import Responder
 from echolearn.acoustics.types import (
     SPEED_OF_SOUND,
     Array,
@@ -22,6 +21,29 @@ from echolearn.acoustics.types import (
 )
 from echolearn.checks import check_speed
 from echolearn.storage.identity import KIND
+
+
+class Responder(Protocol):
+    """An engine for room impulse responses (`echolearn.simulation.responses`)."""
+
+    def __call__(
+        self,
+        room: AnyRoom,
+        source: Array,
+        microphones: Array,
+        *,
+        sample_rate: float,
+        speed_of_sound: float,
+    ) -> Array:
+        """Return impulse responses, shape (M, round(t60 * sample_rate)).
+
+        Args:
+            room: with its walls.
+            source: shape (3,), in m.
+            microphones: shape (M, 3), in m.
+            sample_rate: in Hz.
+            speed_of_sound: in m/s.
+        """
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,10 @@ from collections.abc import Iterator
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.io import wavfile
 
 from echolearn.acoustics.types import Array
@@ -177,6 +179,20 @@ def _check_shape(path: Path, shape: tuple[int, ...], *, wanted: tuple[int, int])
         shape,
         allowed=f"must be {wanted[0]} channels of {wanted[1]} samples",
     )
+
+
+def undecided(path: Path) -> NDArray[Any] | None:
+    """Return words of a file that do not tell their bits, None of all other files.
+
+    What is missing or damaged is left to its reader.
+    """
+    if path.suffix.lower() == ".flac" or not path.is_file():
+        return None
+    check_size(path, LARGEST)
+    try:
+        return wav.undecided(path.read_bytes())
+    except (OSError, ValueError):
+        return None
 
 
 def check_size(path: Path, limit: int) -> None:

@@ -10,13 +10,9 @@ scales are powers of two, so nothing is rounded.
 """
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
-
-from echolearn.survey import wav
-from echolearn.survey.audio import LARGEST, check_size
 
 WORD = 32
 """Bits of the words that are looked at."""
@@ -83,17 +79,16 @@ AS_TOLD = Numbers()
 """Numbers that are as their headers say."""
 
 
-def numbers_of(paths: Iterable[Path], *, like: Numbers = AS_TOLD) -> Numbers:
+def numbers_of(files: Iterable[NDArray[Any] | None], *, like: Numbers = AS_TOLD) -> Numbers:
     """Return how the numbers of files are stored, all of them alike.
 
     Args:
-        paths: of the files; what is missing or damaged is left to its reader.
+        files: words of each that does not tell their bits, None of all others (`audio.undecided`).
         like: how those of louder files beside them are, which count where these fit in as well.
     """
     peak = 0.0
     floats = None
-    for path in paths:
-        words = _undecided(path)
+    for words in files:
         alike = words is not None and floats in (None, words.dtype.kind == "f")
         if words is None or not alike:
             return AS_TOLD
@@ -105,17 +100,6 @@ def numbers_of(paths: Iterable[Path], *, like: Numbers = AS_TOLD) -> Numbers:
     if like.bits and like.floats == floats and peak < 1 << (like.bits - 1):
         return like
     return Numbers(_bits(peak, floats=bool(floats)), bool(floats))
-
-
-def _undecided(path: Path) -> NDArray[Any] | None:
-    """Return words of a file that do not tell their bits, None of all other files."""
-    if path.suffix.lower() == ".flac" or not path.is_file():
-        return None
-    check_size(path, LARGEST)
-    try:
-        return wav.undecided(path.read_bytes())
-    except (OSError, ValueError):
-        return None
 
 
 def _bits(peak: float, *, floats: bool) -> int:

@@ -1,1 +1,1 @@
-"""Engines for responses: one module each, of one interface (`acoustics.rooms.Responder`)."""
+"""Engines for responses: one module each, of one interface (`simulation.scene.Responder`)."""
