@@ -1,10 +1,11 @@
 """Single arrivals of a response: taken out as an engine has put them there, changed, put back.
 
-An arrival is g phi(n - t), with the phi of `image_loops`. Of it may be left fewer high frequencies,
-and a rough wall makes it a cluster (`kernels`).
+An arrival is g phi(n - t), with the phi of `image_loops`, read from a table. Of it may be left
+fewer high frequencies, and a rough wall makes it a cluster (`kernels`).
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft
@@ -15,6 +16,9 @@ from echolearn.simulation.kernels import low_band
 MARGIN = 24
 """Samples on either side of phi into which a filter of phase zero may reach."""
 
+STEPS = 512
+"""Rows in the table of phi, for one sample; between them it errs by less than -110 dB."""
+
 
 @dataclass(frozen=True, eq=False)
 class Arrivals:
@@ -23,7 +27,7 @@ class Arrivals:
     Attributes:
         delay: t, in samples, shape (P, M).
         gain: g, shape (P, M).
-        highs: share of high frequencies that is left, shape (P, 1) or (P, M).
+        highs: share of high frequencies that is left, shape (P, M).
         clusters: what each becomes in time, shape (P, T).
     """
 
@@ -33,7 +37,7 @@ class Arrivals:
     clusters: Array
 
     def scaled(self, factor: Array) -> "Arrivals":
-        """Return the same with gains multiplied by factors (P, 1) or (P, M)."""
+        """Return the same with gains multiplied by factors that broadcast to (P, M)."""
         return replace(self, gain=self.gain * factor)
 
     def beside(self, other: "Arrivals") -> "Arrivals":
@@ -50,35 +54,46 @@ class Arrivals:
 
     def subtract(self, response: Array) -> None:
         """Take the plain arrivals out of a response (M, K)."""
-        first, taps = self._plain()
-        _add(response, first, -taps)
+        from echolearn.simulation.fir_loops import add
 
-    def add(self, response: Array, *, sample_rate: float) -> None:
-        """Add the arrivals, with what has become of them, to a response (M, K)."""
         first, taps = self._plain()
-        length = 2 * MARGIN + taps.shape[-1] + self.clusters.shape[-1]
-        size = fft.next_fast_len(length, real=True)
+        add(response, first, -taps)
+
+    def add(self, response: Array, *, microphones: Array, sample_rate: float) -> None:
+        """Add the arrivals, with what has become of them, to a response (M, K).
+
+        Args:
+            response: is changed.
+            microphones: their own responses, shape (M, T).
+            sample_rate: in Hz.
+        """
+        from echolearn.simulation.fir_loops import add
+
+        first, taps = self._plain()
+        reach = self.clusters.shape[-1] + microphones.shape[-1]
+        size = fft.next_fast_len(taps.shape[-1] + 2 * MARGIN + reach, real=True)
         low = low_band(fft.rfftfreq(size, 1.0 / sample_rate))
         share = low + self.highs[..., None] * (1.0 - low)
-        cluster = fft.rfft(self.clusters, size)[:, None]
-        padded = np.pad(taps, [(0, 0), (0, 0), (MARGIN, 0)])
-        changed = fft.irfft(fft.rfft(padded, size) * share * cluster, size)
-        _add(response, first - MARGIN, changed[..., :length])
+        after = fft.rfft(self.clusters, size)[:, None] * fft.rfft(microphones, size)
+        # What a filter of phase zero puts before the first tap comes out at the end.
+        changed = fft.irfft(fft.rfft(taps, size) * share * after, size)
+        add(response, first - MARGIN, np.roll(changed, MARGIN, axis=-1))
 
     def _plain(self) -> tuple[Array, Array]:
         """Return the first sample (P, M) of each arrival and its taps (P, M, 2 half)."""
-        from echolearn.simulation.image_loops import HALF_WIDTH, fractional_delay
+        table = _phi()
+        whole = np.floor(self.delay)
+        place = (self.delay - whole) * STEPS
+        row = place.astype(np.int64)
+        weight = self.gain * (place - row)
+        taps = table[row + 1] * weight[..., None] + table[row] * (self.gain - weight)[..., None]
+        return whole.astype(np.int64) - (table.shape[1] // 2 - 1), taps
 
-        first = np.floor(self.delay).astype(np.int64) - HALF_WIDTH + 1
-        offset = first[..., None] + np.arange(2 * HALF_WIDTH) - self.delay[..., None]
-        return first, self.gain[..., None] * fractional_delay(offset)
 
+@lru_cache
+def _phi() -> Array:
+    """Return the taps of phi for each step of a fractional delay, shape (STEPS + 1, 2 half)."""
+    from echolearn.simulation.image_loops import HALF_WIDTH, fractional_delay
 
-def _add(response: Array, first: Array, taps: Array) -> None:
-    """Add taps (P, M, T) from sample `first` (P, M) on; what lies outside (M, K) is left out."""
-    microphones, length = response.shape
-    at = first[..., None] + np.arange(taps.shape[-1])
-    inside = (at >= 0) & (at < length)
-    flat = at + length * np.arange(microphones)[:, None]
-    total = np.bincount(flat[inside], taps[inside], minlength=response.size)
-    response += total.reshape(response.shape)
+    fraction = np.arange(STEPS + 1)[:, None] / STEPS
+    return fractional_delay(np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1) - fraction)

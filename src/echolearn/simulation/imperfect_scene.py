@@ -31,8 +31,11 @@ from echolearn.simulation.kernels import low_pass
 from echolearn.simulation.scene import Scene
 from echolearn.simulation.ways import first_ways, free_path, ways_out
 
-AHEAD = 128
+AHEAD = 64
 """Samples before time 0 that are kept until the loudspeaker's delay is taken off."""
+
+SETTLED = 128
+"""Samples after an arrival until nothing of it is left but what the loudspeaker makes of it."""
 
 REACH = 6.0
 """Metres to the farthest clutter."""
@@ -51,11 +54,10 @@ class ImperfectScene(Scene):
     @cached_property
     def direct(self) -> Array:
         """Direct path at the microphones as calibration knows it, shape (M, N)."""
-        places = self.array.positions + self._flaws.offsets
-        arrivals = self._direct(places)
-        response = np.zeros((len(self.array), int(arrivals.delay.max()) + AHEAD))
-        arrivals.add(response, sample_rate=self.probe.sample_rate)
-        return (1.0 - self._flaws.drawn["residual"]) * self._recorded(response)
+        arrivals = self._direct(self.array.positions + self._flaws.offsets)
+        response = np.zeros((len(self.array), int(arrivals.delay.max()) + SETTLED))
+        self._add(arrivals.scaled(np.array(1.0 - self._flaws.drawn["residual"])), response)
+        return self._recorded(response)
 
     def received(self, room: AnyRoom, pose: Pose) -> Array:
         """Return the probe as received, without noise, shape (M, N)."""
@@ -69,13 +71,17 @@ class ImperfectScene(Scene):
             speed_of_sound=self.speed_of_sound,
         )
 
-        # What arrives once or not at all is told apart from the rest, and changed for itself.
+        # What arrives with a wall or without is told apart from the rest, and changed for itself.
         single = self._direct(places).beside(self._walls(room, pose, places))
         single.subtract(response)
         response = self._rest(response, room)
-        clutter = self._clutter(room, pose, places)
-        single.beside(clutter).add(response, sample_rate=self.probe.sample_rate)
+        self._add(single.beside(self._clutter(room, pose, places)), response)
         return self._recorded(response)
+
+    def _add(self, arrivals: Arrivals, response: Array) -> None:
+        """Add arrivals to a response as the microphones hear them."""
+        rate = self.probe.sample_rate
+        arrivals.add(response, microphones=self._flaws.microphones, sample_rate=rate)
 
     @property
     def _flaws(self) -> Imperfections:
@@ -138,23 +144,21 @@ class ImperfectScene(Scene):
         )
 
     def _rest(self, response: Array, room: AnyRoom) -> Array:
-        """Return all that is reflected more than once, shape (M, K), as rough walls leave it."""
+        """Return all that is reflected more than once, as microphones hear it, shape (M, K)."""
         from echolearn.simulation.fir_loops import filtered
 
-        reflections = np.arange(response.shape[1]) / self._scale / free_path(room)
-        left = self._flaws.dulling.mean() ** reflections
-        share = (1.0 - self._flaws.drawn["directivity"] / 2.0) * left
-        taps = low_pass(self.probe.sample_rate)
-        low = filtered(response, taps[None], ahead=len(taps) // 2)
-        return filtered(low + share * (response - low), self._flaws.clusters[-1:])
+        flaws = self._flaws
+        loss = np.log(flaws.dulling.mean()) / (self._scale * free_path(room))
+        sent = 1.0 - flaws.drawn["directivity"] / 2.0
+        share = sent * np.exp(loss * np.arange(response.shape[1]))
+        heard = [np.convolve(flaws.clusters[-1], microphone) for microphone in flaws.microphones]
+        low = low_pass(self.probe.sample_rate)
+        return filtered(response, np.array(heard), low=low, share=share)
 
     def _recorded(self, response: Array) -> Array:
-        """Return the probe as loudspeaker, response (M, K) and microphones make it, (M, N)."""
-        from echolearn.simulation.fir_loops import filtered
-
-        heard = filtered(response, self._flaws.microphones)
+        """Return the burst as the loudspeaker plays it, after a response (M, K), shape (M, N)."""
         length = self.probe.length + AHEAD
-        return signals.convolve(self._emitted, heard, length=length)[:, AHEAD:]
+        return signals.convolve(self._emitted, response, length=length)[:, AHEAD:]
 
     @cached_property
     def _emitted(self) -> Array:
@@ -165,4 +169,4 @@ class ImperfectScene(Scene):
         size = fft.next_fast_len(length, real=True)
         delay = np.exp(-2j * np.pi * fft.rfftfreq(size) * late)
         spectrum = fft.rfft(self.probe.samples, size) * fft.rfft(loudspeaker, size)
-        return fft.irfft(spectrum * delay, size)
+        return fft.irfft(spectrum * delay, size)[:length]

@@ -18,8 +18,11 @@ from echolearn.acoustics.types import Array
 CROSSOVER = 3000.0
 """Hz, where high frequencies begin: half way down."""
 
-SIZE = 512
-"""Samples of the FFT by which responses are made; they have half as many taps."""
+LOWEST = 10.0
+"""Hz, below which a response does not wander."""
+
+OCTAVES = 12
+"""Octaves above `LOWEST` in which it does."""
 
 FLOOR_DB = -60.0
 """Least level of a response, so that its logarithm is finite."""
@@ -51,58 +54,57 @@ def low_band(frequencies: Array) -> Array:
 
 def low_pass(sample_rate: float) -> Array:
     """Return the taps of G, odd in number and symmetric, of sum 1."""
-    # The transform of a Gaussian is one; cut where it is below 1e-6 of its middle.
+    # The transform of a Gaussian is one; cut where it is below 1e-4 of its middle.
     sharpness = (np.pi * CROSSOVER / sample_rate) ** 2 / np.log(2.0)
-    half = int(np.ceil(np.sqrt(6.0 * np.log(10.0) / sharpness)))
+    half = int(np.ceil(np.sqrt(4.0 * np.log(10.0) / sharpness)))
     taps = np.exp(-sharpness * np.arange(-half, half + 1) ** 2)
     return taps / taps.sum()
 
 
 def ripple(
-    count: int, deviation_db: float, *, sample_rate: float, rng: np.random.Generator
+    frequencies: Array, deviation_db: float, *, count: int, rng: np.random.Generator
 ) -> Array:
     """Draw levels that wander over frequency, independent from half octave to half octave.
 
     Args:
-        count: number of responses.
+        frequencies: shape (F,), in Hz.
         deviation_db: standard deviation, in dB.
-        sample_rate: in Hz.
+        count: number of responses.
         rng: draws them.
 
     Returns:
-        Levels in dB at the frequencies of `SIZE` samples, shape (count, SIZE / 2 + 1).
+        Levels in dB, shape (count, F).
     """
-    knots = rng.standard_normal((count, 24))
-    octaves = 2.0 * np.log2(np.maximum(response_frequencies(sample_rate), 10.0) / 10.0)
-    return deviation_db * np.stack([np.interp(octaves, np.arange(24), row) for row in knots])
+    knots = rng.standard_normal((count, 2 * OCTAVES))
+    place = 2.0 * np.log2(np.maximum(frequencies, LOWEST) / LOWEST)
+    return deviation_db * np.stack([np.interp(place, np.arange(2 * OCTAVES), row) for row in knots])
 
 
-def band_db(low: float, high: float, *, sample_rate: float) -> Array:
+def band_db(frequencies: Array, low: float, high: float) -> Array:
     """Return the level of a band-pass of second order at either end, in dB, shape (F,).
 
     Args:
+        frequencies: shape (F,), in Hz.
         low, high: corners in Hz; 0 is none.
-        sample_rate: in Hz.
     """
-    frequencies = np.maximum(response_frequencies(sample_rate), 1.0)
+    above = np.maximum(frequencies, 1.0)
     level = np.zeros(len(frequencies))
     if low > 0:
-        level -= 10.0 * np.log10(1.0 + (low / frequencies) ** 4)
+        level -= 10.0 * np.log10(1.0 + (low / above) ** 4)
     if high > 0:
-        level -= 10.0 * np.log10(1.0 + (frequencies / high) ** 4)
+        level -= 10.0 * np.log10(1.0 + (above / high) ** 4)
     return level
 
 
-def response_frequencies(sample_rate: float) -> Array:
-    """Return the frequencies at which responses are given, in Hz, shape (SIZE / 2 + 1,)."""
-    return fft.rfftfreq(SIZE, 1.0 / sample_rate)
-
-
 def minimum_phase(level_db: Array) -> Array:
-    """Return the responses of least delay with levels (..., F) in dB, shape (..., SIZE / 2)."""
+    """Return the responses of least delay with levels (..., F) in dB, shape (..., F - 1).
+
+    The levels are those at F evenly spaced frequencies from 0 to half the sample rate.
+    """
+    size = 2 * (level_db.shape[-1] - 1)
     level = np.maximum(level_db, level_db.max(axis=-1, keepdims=True) + FLOOR_DB)
-    cepstrum = fft.irfft(level * (np.log(10.0) / 20.0), SIZE)
+    cepstrum = fft.irfft(level * (np.log(10.0) / 20.0), size)
     # Folding what lies before time 0 onto what lies after it leaves the magnitude as it is.
-    cepstrum[..., 1 : SIZE // 2] *= 2.0
-    cepstrum[..., SIZE // 2 + 1 :] = 0.0
-    return fft.irfft(np.exp(fft.rfft(cepstrum)), SIZE)[..., : SIZE // 2]
+    cepstrum[..., 1 : size // 2] *= 2.0
+    cepstrum[..., size // 2 + 1 :] = 0.0
+    return fft.irfft(np.exp(fft.rfft(cepstrum)), size)[..., : size // 2]

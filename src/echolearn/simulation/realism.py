@@ -40,7 +40,7 @@ BOUNDS: dict[str, Range] = {
     "loudspeaker_high": (0.0, 100_000.0, "Hz"),
     "loudspeaker_ripple_db": (0.0, 20.0, "dB"),
     "directivity": (0.0, 1.0),
-    "latency_samples": (-100.0, 100.0, "samples"),
+    "latency_samples": (-50.0, 50.0, "samples"),
     "residual": (0.0, 1.0),
     "gain_db": (-100.0, 100.0, "dB"),
     "coloured": (0.0, 1.0),
@@ -50,6 +50,9 @@ BOUNDS: dict[str, Range] = {
 
 MICROPHONE_TAPS = 16
 """Length of a microphone's own response."""
+
+LOUDSPEAKER_TAPS = 256
+"""Length of a loudspeaker's response; low frequencies ring longest."""
 
 NEAREST_WAY = 0.3
 """Least share of the way to the wall at which there is clutter."""
@@ -194,17 +197,19 @@ def _microphones(
         sample_rate: in Hz.
         rng: draws them.
     """
+    # Made with room to die away, then cut: the rest is 60 dB weaker.
+    frequencies = np.linspace(0.0, sample_rate / 2, 2 * MICROPHONE_TAPS + 1)
+    level = ripple(frequencies, drawn["microphone_ripple_db"], count=count, rng=rng)
     gain = 10.0 ** (drawn["microphone_db"] * rng.standard_normal((count, 1)) / 20.0)
-    own = ripple(count, drawn["microphone_ripple_db"], sample_rate=sample_rate, rng=rng)
-    return gain * minimum_phase(own)[:, :MICROPHONE_TAPS]
+    return gain * minimum_phase(level)[:, :MICROPHONE_TAPS]
 
 
 def _loudspeaker(
     drawn: Mapping[str, float], *, sample_rate: float, rng: np.random.Generator
 ) -> Array:
-    """Draw the response of a loudspeaker, of energy 1, shape (T,)."""
-    level = ripple(1, drawn["loudspeaker_ripple_db"], sample_rate=sample_rate, rng=rng)[0]
-    low = drawn["loudspeaker_low"]
-    high = drawn["loudspeaker_high"]
-    response = minimum_phase(level + band_db(low, high, sample_rate=sample_rate))
+    """Draw the response of a loudspeaker, of energy 1, shape (LOUDSPEAKER_TAPS,)."""
+    frequencies = np.linspace(0.0, sample_rate / 2, LOUDSPEAKER_TAPS + 1)
+    level = ripple(frequencies, drawn["loudspeaker_ripple_db"], count=1, rng=rng)[0]
+    level += band_db(frequencies, drawn["loudspeaker_low"], drawn["loudspeaker_high"])
+    response = minimum_phase(level)
     return response / np.linalg.norm(response)
