@@ -7,6 +7,7 @@ import pytest
 from scipy import signal
 
 from echolearn.acoustics.geometry import SearchWindow, circular_array
+from echolearn.acoustics.polygon_room import PolygonRoom
 from echolearn.acoustics.signals import noise_probe, power
 from echolearn.acoustics.types import Pose, Room
 from echolearn.dataset.plans import ScatteredPlan
@@ -20,6 +21,7 @@ from echolearn.simulation.noise.white import White
 from echolearn.simulation.realism import BOUNDS, Realism
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
+from echolearn.simulation.ways import free_path, ways_out
 from echolearn.storage.identity import plain
 from refusals import refused
 
@@ -171,6 +173,21 @@ def test_the_loudspeakers_delay_is_taken_off_and_latency_is_not():
     assert np.allclose(early[:, :-7], SCENE.received(ROOM, POSE)[:, 7:], atol=1e-12)
 
 
+def test_a_measured_loudspeaker_is_taken_as_it_is_but_for_its_delay():
+    response = np.zeros(300)
+    response[200:203] = [0.5, 1.0, -0.4]
+    realism = Realism(loudspeaker=replace(SCENE.probe, samples=response))
+    assert not realism.clean
+    heard = echo(drawn(realism, CLICK))
+    taps = np.array([0.5, 1.0, -0.4]) / np.linalg.norm([0.5, 1.0, -0.4])
+    plain = echo(CLICK)
+    expected = sum(tap * np.roll(plain, k - 1, axis=1) for k, tap in enumerate(taps))
+    assert np.abs(heard - expected).max() < 1e-5
+    with refused("realism.loudspeaker=16000 Hz: must have the probe's rate, 22050 Hz"):
+        other = replace(SCENE.probe, samples=response, sample_rate=16000.0)
+        replace(PLAN, realism=Realism(loudspeaker=other))
+
+
 def test_a_loudspeaker_sends_fewer_highs_behind_itself():
     toward_wall = np.array([-np.cos(0.7), np.sin(0.7), 0.0])
     for facing, share in ((toward_wall, 1.0), (-toward_wall, 0.2)):
@@ -216,6 +233,33 @@ def test_the_low_pass_is_half_way_down_at_the_crossover():
     for rate in (16000.0, 22050.0, 48000.0):
         _, response = signal.freqz(low_pass(rate), worN=[0.0, 3000.0], fs=rate)
         assert np.abs(response) == pytest.approx([1.0, 0.5], abs=0.01)
+
+
+@pytest.mark.parametrize("walls", [(), (1.0, 0.5, 1.0, 0.0, 1.0, 1.0, 0.7)])
+def test_rooms_of_any_outline_are_taken_apart_and_put_together_again(walls):
+    """With clusters of one tap each and no other departure, what is put back is what was there."""
+    corners = ((0.0, 0.0), (6.0, 0.0), (6.5, 4.0), (2.0, 5.0), (0.0, 4.0))
+    room = PolygonRoom(corners, 3.0, 0.2, walls=walls, doors=((0, 3.0, 4.0),))
+    pose = Pose(np.array([2.0, 1.6, 1.3]), 0.3)
+    ideal = SCENE.received(room, pose)
+    assert np.abs(drawn(Realism()).received(room, pose) - ideal).max() < 1e-12 * ideal.max()
+    # Without their walls' first echoes, what is left of a response is what is reflected twice.
+    single = drawn(Realism(), CLICK, clusters=np.repeat([[1.0], [0.0]], [6, 1], axis=0))
+    early = int((2 * 1.3 + 0.4) / SPEED * RATE)
+    both = single.received(room, pose)[:, :early], CLICK.received(room, pose)[:, :early]
+    assert np.abs(both[0] - both[1]).max() < 2e-4 * np.abs(both[1]).max()
+
+
+def test_ways_out_of_a_box_and_of_its_outline_are_the_same():
+    toward = np.random.default_rng(2).standard_normal((40, 3))
+    toward /= np.linalg.norm(toward, axis=1)[:, None]
+    place = np.array([1.0, 2.0, 1.5])
+    walls = np.where(toward > 0, np.array([6.0, 5.0, 3.0]) - place, -place)
+    expected = np.min(walls / toward, axis=1)
+    corners = ((0.0, 0.0), (6.0, 0.0), (6.0, 5.0), (0.0, 5.0))
+    for room in (Room((6.0, 5.0, 3.0), 0.3), PolygonRoom(corners, 3.0, 0.3)):
+        assert np.allclose(ways_out(room, place, toward), expected)
+        assert free_path(room) == pytest.approx(4 * 90.0 / (2 * (30.0 + 33.0)))
 
 
 # ---------------------------------------------------------------- one draw for each row

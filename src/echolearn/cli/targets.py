@@ -26,6 +26,7 @@ KINDS = {
     "engine": "echolearn.runtime.engine.Engine",
     "growing": "echolearn.dataset.plans.Plan",
     "localizer": "echolearn.localization.localizer.Localizer",
+    "loudspeaker": "echolearn.acoustics.types.Probe",
     "net": "echolearn.classifiers.architectures.Recipe",
     "noise": "echolearn.acoustics.types.Noise",
     "plan": "echolearn.dataset.plans.Plan",

@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from echolearn.acoustics.types import Array
+from echolearn.acoustics.types import Array, Probe
 from echolearn.checks import Range, check, check_range
 from echolearn.simulation.imperfect_scene import ImperfectScene
 from echolearn.simulation.imperfections import Imperfections
@@ -54,6 +54,9 @@ MICROPHONE_TAPS = 16
 LOUDSPEAKER_TAPS = 256
 """Length of a loudspeaker's response; low frequencies ring longest."""
 
+MOST_BEFORE = 32
+"""Samples of a measured response that are kept before its largest peak."""
+
 NEAREST_WAY = 0.3
 """Least share of the way to the wall at which there is clutter."""
 
@@ -79,6 +82,7 @@ class Realism:
         microphone_offset: standard deviation of each coordinate of a microphone, in m.
         loudspeaker_low, loudspeaker_high: corners of its band, in Hz, 12 dB an octave; 0 is none.
         loudspeaker_ripple_db: standard deviation of its response within the band, in dB.
+        loudspeaker: response that was measured, instead of one that is drawn; None is drawn.
         directivity: of the loudspeaker at high frequencies, 0 a sphere, 1 a cardioid, which turns
             its back on a direction that is drawn, in the horizontal plane.
         latency_samples: by which all that is recorded is late, beyond what calibration knows.
@@ -106,6 +110,7 @@ class Realism:
     gain_db: Limits = NONE
     coloured: Limits = NONE
     colour_hz: Limits = NONE
+    loudspeaker: Probe | None = None
 
     def __post_init__(self) -> None:
         allowed = "must be the end of a name, such as _measured"
@@ -118,13 +123,18 @@ class Realism:
     @property
     def clean(self) -> bool:
         """Whether nothing is drawn."""
-        return all(getattr(self, name) == NONE for name in BOUNDS)
+        return self.loudspeaker is None and all(getattr(self, name) == NONE for name in BOUNDS)
 
     def check_scene(self, scene: Scene) -> None:
-        """Raise `BadValue` where noise is to be coloured that is not white."""
+        """Raise `BadValue` where noise is not white, or a response has another rate."""
         fits = self.coloured == NONE or isinstance(scene.noise, White)
         allowed = "must be [0, 0] where the sensor noise is not white"
         check(fits, "realism.coloured", list(self.coloured), allowed=allowed)
+        if self.loudspeaker is not None:
+            rate = scene.probe.sample_rate
+            found = self.loudspeaker.sample_rate
+            allowed = f"must have the probe's rate, {rate:g} Hz"
+            check(found == rate, "realism.loudspeaker", f"{found:g} Hz", allowed=allowed)
 
     def draw(
         self, scene: Scene, rng: np.random.Generator, *, robot: np.random.Generator | None = None
@@ -158,7 +168,9 @@ class Realism:
             facing=np.array([np.cos(facing), np.sin(facing), 0.0]),
             offsets=drawn["microphone_offset"] * microphones.standard_normal((len(scene.array), 3)),
             microphones=_microphones(drawn, len(scene.array), sample_rate=rate, rng=microphones),
-            loudspeaker=_loudspeaker(drawn, sample_rate=rate, rng=loudspeaker),
+            loudspeaker=_loudspeaker(drawn, sample_rate=rate, rng=loudspeaker)
+            if self.loudspeaker is None
+            else _measured(self.loudspeaker.samples),
         )
 
     def scene(
@@ -213,3 +225,10 @@ def _loudspeaker(
     level += band_db(frequencies, drawn["loudspeaker_low"], drawn["loudspeaker_high"])
     response = minimum_phase(level)
     return response / np.linalg.norm(response)
+
+
+def _measured(response: Array) -> Array:
+    """Return a measured response, of energy 1, from a little before its largest peak on."""
+    peak = int(np.argmax(np.abs(response)))
+    kept = response[max(0, peak - MOST_BEFORE) : peak + LOUDSPEAKER_TAPS]
+    return kept / np.linalg.norm(kept)
