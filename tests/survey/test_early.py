@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from echolearn.acoustics.geometry import SearchWindow, circular_array
+from echolearn.acoustics.probes import mls_probe, sweep_probe
 from echolearn.acoustics.signals import convolve, matched_filter, noise_probe, power
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import BadValue
@@ -109,6 +110,33 @@ def test_what_was_lost_is_not_there_to_be_subtracted() -> None:
     assert power(left) < 1e-6 * power(whole)
     assert not left[:25].any()
     assert power(without_early(cut, PROBE, lags=LAGS)) > 100 * power(left)
+
+
+LONG = {
+    "noise": noise_probe(burst=9000, length=12_000),
+    "sequence": mls_probe(bits=13, length=12_000),
+    "sweep": sweep_probe(seconds=0.4, length=12_000),
+    "exponential sweep": sweep_probe(law="exponential", seconds=0.4, length=12_000),
+    "to the end": sweep_probe(seconds=0.54, length=12_000),
+}
+"""Bursts of 8000 samples and more; echoes come after 150."""
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_of_a_long_burst_the_direct_path_is_subtracted_while_it_lasts(name: str) -> None:
+    """As loud as a burst of 1500 samples of noise, and the echo is found as with that."""
+    for probe in (LONG[name], PROBE):
+        scale = np.sqrt(PROBE.energy / probe.energy)
+        loud = Probe(scale * probe.samples, probe.sample_rate, probe.length)
+        response = heard((13, 1.0), (14, -0.6), (30, 0.2), (ECHO, 0.02), probe=loud)
+        rng = np.random.default_rng(2)
+        noisy = response + 0.01 * rng.standard_normal((20, probe.length))
+        left = without_early(noisy, loud, lags=LAGS)
+        r = matched_filter(left, loud, first=100, last=300) / loud.energy
+        # A sweep has no power at some frequencies, so its peak is some lags wide.
+        assert np.abs(r.argmax(axis=-1) + 100 - ECHO).max() <= 2
+        assert r[:, ECHO - 100].mean() == pytest.approx(0.02, rel=0.1)
+        assert power(left).mean() < 2e-3 * power(noisy).mean()
 
 
 def test_a_batch_is_each_of_it_silence_stays_and_nothing_is_changed_in_place() -> None:

@@ -93,6 +93,7 @@ def _study(config: "Config") -> None:
     from echolearn.studies.run import run_study
     from echolearn.studies.study import Study
 
+    _check_bursts(config)
     page = _path(config["page"])
     if page:
         # Before the work of an hour.
@@ -106,6 +107,16 @@ def _study(config: "Config") -> None:
     )
     if page:
         publish(made, page)
+
+
+def _check_bursts(config: "Config") -> None:
+    """Raise `BadValue` where a study would put bursts of noise in place of another probe."""
+    from echolearn.checks import check
+
+    kept = config["bursts"] == "one" or config["choice"].get("scene/probe", "noise") == "noise"
+    hint = "each position would draw a burst of noise"
+    allowed = "must be one, that of scene/probe"
+    check(kept, "bursts", config["bursts"], allowed=allowed, hint=hint)
 
 
 def _bench(config: "Config") -> Path:
