@@ -25,16 +25,16 @@ THIN = 1e-12
 
 
 @njit(error_model="numpy", nogil=True)
-def _project(beams: Any, b: int, points: Any, seen: Any) -> None:
-    """Write depth and along of points (K, 2) in a beam, shape (K, 2)."""
-    start_x = beams[b, 2] - beams[b, 0]
-    start_y = beams[b, 3] - beams[b, 1]
-    ahead_x = beams[b, 4] - beams[b, 2]
-    ahead_y = beams[b, 5] - beams[b, 3]
+def _project(beam: Any, points: Any, seen: Any) -> None:
+    """Write depth and along of points (K, 2) in a beam (8,), shape (K, 2)."""
+    start_x = beam[2] - beam[0]
+    start_y = beam[3] - beam[1]
+    ahead_x = beam[4] - beam[2]
+    ahead_y = beam[5] - beam[3]
     scale = 1.0 / (ahead_x * start_y - ahead_y * start_x)
     for k in range(len(points)):
-        x = points[k, 0] - beams[b, 0]
-        y = points[k, 1] - beams[b, 1]
+        x = points[k, 0] - beam[0]
+        y = points[k, 1] - beam[1]
         seen[k, 0] = scale * (ahead_x * y - ahead_y * x)
         seen[k, 1] = scale * (x * start_y - y * start_x)
 
@@ -143,66 +143,81 @@ def _split(found: Any, count: int, divided: bool, parts: Any) -> int:
 
 
 @njit(error_model="numpy", nogil=True)
-def _is_heard(seen: Any, m: int, found: Any, parts: Any, count: int) -> bool:
-    """Tell whether a microphone stands in a beam, before the sides that it meets.
-
-    Args:
-        seen, m: depth and along of the microphone, row m of all.
-        found: sides that the beam may meet, see `_met`.
-        parts, count: parts of the beam, see `_split`.
-    """
-    if seen[m, 0] < 1.0 or seen[m, 1] < 0.0 or seen[m, 1] >= seen[m, 0]:
+def _is_heard(depth: float, along: float, cut: tuple[Any, Any, int]) -> bool:
+    """Tell whether who stands at a depth is in a beam, before the side that it meets there."""
+    found, parts, count = cut
+    if depth < 1.0 or along < 0.0 or along >= depth:
         return False
-    place = seen[m, 1] / seen[m, 0]
+    place = along / depth
     for k in range(count):
+        # Of neighbouring parts one alone has the place between them.
         if parts[k, 0] <= place < parts[k, 1]:
-            return bool(seen[m, 0] <= _depth(found, int(parts[k, 2]), place))
+            return bool(depth <= _depth(found, int(parts[k, 2]), place))
     return False
 
 
 @njit(error_model="numpy", nogil=True)
-def _turn(beams: Any, b: int, parts: Any, k: int, found: Any, after: Any, made: int) -> bool:
-    """Write the aperture of the beam that a side sends back; tell whether it has a width.
+def _hear(beam: Any, cut: Any, microphones: Any, seen: Any, heard: Any) -> int:
+    """Write what microphones hear of a beam, a row each: microphone, square distance, gain.
 
     Args:
-        beams, b: the beam, row b of all.
-        parts, k: its part, row k of all.
-        found: sides that the beam may meet, see `_met`.
-        after, made: where it is written, row `made` of the next beams.
+        beam: shape (8,).
+        cut: sides that it may meet, see `_met`, its parts, see `_split`, and their number.
+        microphones: shape (M, 2), in m.
+        seen: their depth and along, shape (M, 2).
+        heard: rows to be written, shape (at least M, 3).
+
+    Returns:
+        Number of those that hear it.
     """
+    told = 0
+    for m in range(len(microphones)):
+        if _is_heard(seen[m, 0], seen[m, 1], cut):
+            away_x = microphones[m, 0] - beam[0]
+            away_y = microphones[m, 1] - beam[1]
+            heard[told, 0] = m
+            heard[told, 1] = away_x * away_x + away_y * away_y
+            heard[told, 2] = beam[6]
+            told += 1
+    return told
+
+
+@njit(error_model="numpy", nogil=True)
+def _turn(beam: Any, cut: Any, k: int, after: Any) -> bool:
+    """Write the aperture of the beam that part k gives rise to; tell whether it has a width."""
+    found, parts, _ = cut
     for end in range(2):
         # It runs the other way round: what was first is last in a mirror.
         place = parts[k, 1 - end]
         depth = _depth(found, int(parts[k, 2]), place)
         for axis in range(2):
-            passed = beams[b, 2 + axis] + place * (beams[b, 4 + axis] - beams[b, 2 + axis])
-            met = beams[b, axis] + depth * (passed - beams[b, axis])
-            after[made, 2 + 2 * end + axis] = met
-    wide = (after[made, 4] - after[made, 2]) ** 2 + (after[made, 5] - after[made, 3]) ** 2
+            passed = beam[2 + axis] + place * (beam[4 + axis] - beam[2 + axis])
+            after[2 + 2 * end + axis] = beam[axis] + depth * (passed - beam[axis])
+    wide = (after[4] - after[2]) ** 2 + (after[5] - after[3]) ** 2
     return bool(wide > THIN * THIN)
 
 
 @njit(error_model="numpy", nogil=True)
-def _mirror(beams: Any, b: int, sides: Any, side: int, after: Any, made: int) -> float:
+def _mirror(beam: Any, side: Any, after: Any) -> float:
     """Write the mirror image of a beam's image; return its square distance from the new aperture.
 
     Args:
-        beams, b: the beam, row b of all.
-        sides, side: mirror, row `side` of all.
-        after, made: where it is written, row `made` of the next beams.
+        beam: shape (8,).
+        side: the mirror, shape (2, 2), in m.
+        after: the next beam, shape (8,), of which p and q are there.
     """
-    ahead_x = sides[side, 1, 0] - sides[side, 0, 0]
-    ahead_y = sides[side, 1, 1] - sides[side, 0, 1]
-    height = ahead_x * (beams[b, 1] - sides[side, 0, 1])
-    height -= ahead_y * (beams[b, 0] - sides[side, 0, 0])
+    ahead_x = side[1, 0] - side[0, 0]
+    ahead_y = side[1, 1] - side[0, 1]
+    height = ahead_x * (beam[1] - side[0, 1]) - ahead_y * (beam[0] - side[0, 0])
     height *= 2.0 / (ahead_x * ahead_x + ahead_y * ahead_y)
-    after[made, 0] = beams[b, 0] + height * ahead_y
-    after[made, 1] = beams[b, 1] - height * ahead_x
+    after[0] = beam[0] + height * ahead_y
+    after[1] = beam[1] - height * ahead_x
 
-    wide_x = after[made, 4] - after[made, 2]
-    wide_y = after[made, 5] - after[made, 3]
-    to_x = after[made, 0] - after[made, 2]
-    to_y = after[made, 1] - after[made, 3]
+    # Nothing of it is nearer than the nearest point of its aperture.
+    wide_x = after[4] - after[2]
+    wide_y = after[5] - after[3]
+    to_x = after[0] - after[2]
+    to_y = after[1] - after[3]
     along = (to_x * wide_x + to_y * wide_y) / (wide_x * wide_x + wide_y * wide_y)
     along = min(max(along, 0.0), 1.0)
     square: float = (to_x - along * wide_x) ** 2 + (to_y - along * wide_y) ** 2
@@ -210,14 +225,38 @@ def _mirror(beams: Any, b: int, sides: Any, side: int, after: Any, made: int) ->
 
 
 @njit(error_model="numpy", nogil=True)
+def _reflect(beam: Any, cut: Any, plan: Any, limits: tuple[float, float], after: Any) -> int:
+    """Write the beams that sides send back of one.
+
+    Args:
+        beam: shape (8,).
+        cut: as that of `_hear`.
+        plan: sides (F, 2, 2) and their gains (F,).
+        limits: reach and least gain, see `trace`.
+        after: rows to be written, shape (at least as many as there are parts, 8).
+
+    Returns:
+        Their number.
+    """
+    sides, gains = plan
+    reach, faint = limits
+    found, parts, count = cut
+    made = 0
+    for k in range(count):
+        side = int(found[int(parts[k, 2]), 4])
+        gain = beam[6] * gains[side]
+        if gain < faint or not _turn(beam, cut, k, after[made]):
+            continue
+        if _mirror(beam, sides[side], after[made]) <= reach * reach:
+            after[made, 6] = gain
+            after[made, 7] = side
+            made += 1
+    return made
+
+
+@njit(error_model="numpy", nogil=True)
 def trace(
-    beams: Any,
-    plan: tuple[Any, Any, Any],
-    *,
-    gains: Any,
-    microphones: Any,
-    reach: float,
-    faint: float,
+    beams: Any, plan: tuple[Any, Any, Any], *, gains: Any, microphones: Any, limits: Any
 ) -> tuple[Any, Any]:
     """Follow all beams of one order to the sides that they meet.
 
@@ -225,18 +264,17 @@ def trace(
         beams: shape (B, 8): image, p, q (2 each, in m), gain, number of the side it comes from.
         plan: sides with the room to their left, shape (F, 2, 2); corners, shape (C, 2), in m; which
             of them are the ends of each side, shape (F, 2).
-        gains: reflection coefficients, shape (F,).
+        gains: reflection coefficients of the sides, shape (F,).
         microphones: shape (M, 2), in m.
-        reach: distance beyond which nothing is heard, in m.
-        faint: gain below which nothing is followed.
+        limits: distance in m beyond which nothing is heard, gain below which nothing is followed.
 
     Returns:
-        Beams of the next order, shape (any, 8), and what is heard of these, shape (any, 3): number
-        of the microphone, squared distance of the image, gain.
+        Beams of the next order, shape (any, 8), and what is heard of these, see `_hear`.
     """
     sides, corners, ends = plan
-    seen = np.empty((len(corners), 2))
-    stands = np.empty((len(microphones), 2))
+    points = np.concatenate((corners, microphones))
+    seen = np.empty((len(points), 2))
+    stands = seen[len(corners) :]
     found = np.empty((len(sides), 5))
     parts = np.empty((2 * len(sides) + 2, 4))
     after = np.empty((2 * len(beams) + len(parts), 8))
@@ -244,32 +282,17 @@ def trace(
     made = 0
     told = 0
     for b in range(len(beams)):
-        _project(beams, b, corners, seen)
-        _project(beams, b, microphones, stands)
-        met, divided = _met(int(beams[b, 7]), ends, seen, found)
-        count = _split(found, met, divided, parts)
-
+        beam = beams[b]
+        # Rows of these are written below, without a look at how many there are.
         if told + len(microphones) > len(heard):
             heard = np.concatenate((heard, np.empty_like(heard)))
-        for m in range(len(microphones)):
-            if _is_heard(stands, m, found, parts, count):
-                heard[told, 0] = m
-                heard[told, 1] = (microphones[m, 0] - beams[b, 0]) ** 2
-                heard[told, 1] += (microphones[m, 1] - beams[b, 1]) ** 2
-                heard[told, 2] = beams[b, 6]
-                told += 1
-
-        if made + count > len(after):
+        if made + len(parts) > len(after):
             after = np.concatenate((after, np.empty_like(after)))
-        for k in range(count):
-            side = int(found[int(parts[k, 2]), 4])
-            gain = beams[b, 6] * gains[side]
-            if gain < faint or not _turn(beams, b, parts, k, found, after, made):
-                continue
-            if _mirror(beams, b, sides, side, after, made) <= reach * reach:
-                after[made, 6] = gain
-                after[made, 7] = side
-                made += 1
+        _project(beam, points, seen)
+        met, divided = _met(int(beam[7]), ends, seen, found)
+        cut = (found, parts, _split(found, met, divided, parts))
+        told += _hear(beam, cut, microphones, stands, heard[told:])
+        made += _reflect(beam, cut, (sides, gains), limits, after[made:])
     return after[:made], heard[:told]
 
 

@@ -67,7 +67,7 @@ def plan_images(
     places = np.ascontiguousarray(microphones)
     beams = _first_beams(source)
     while len(beams):
-        beams, heard = trace(beams, plan, gains=gains, microphones=places, reach=reach, faint=faint)
+        beams, heard = trace(beams, plan, gains=gains, microphones=places, limits=(reach, faint))
         yield heard
 
 
