@@ -46,6 +46,7 @@ from echolearn.evaluation.matching import (
     match_echoes,
 )
 from echolearn.localization.localize import localize
+from echolearn.simulation.imperfect_scene import realistic
 from echolearn.simulation.observe import NOISE_SECONDS, add_noise, noise_alone
 from echolearn.simulation.scene import Scene
 
@@ -67,7 +68,7 @@ def records(plan: Plan, rows: range) -> Array:
     for row in rows:
         rng = stream(plan.seed, "observation", row)
         spot = plan.spot(row, rng)
-        real, drawn = plan.realism.scene(scene, stream(plan.seed, "realism", row))
+        real, drawn = realistic(scene, plan.realism, rng=stream(plan.seed, "realism", row))
         spot = replace(spot, gain_db=spot.gain_db + drawn.get("gain_db", 0.0), drawn=drawn)
 
         # Responses take most of the time; successive rows of one position share them if they can.

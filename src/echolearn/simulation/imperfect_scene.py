@@ -15,7 +15,7 @@ a / 2 / (4 pi r_1 r_2) to all sides alike (Morse and Ingard, Theoretical Acousti
 above k a = 1, without the shadow).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -28,6 +28,8 @@ from echolearn.acoustics.types import Array, Pose
 from echolearn.simulation.arrivals import Arrivals
 from echolearn.simulation.imperfections import Imperfections
 from echolearn.simulation.kernels import low_pass
+from echolearn.simulation.noise.coloured import Coloured
+from echolearn.simulation.realism import Realism
 from echolearn.simulation.scene import Scene
 from echolearn.simulation.ways import first_ways, free_path, ways_out
 
@@ -170,3 +172,28 @@ class ImperfectScene(Scene):
         delay = np.exp(-2j * np.pi * fft.rfftfreq(size) * late)
         spectrum = fft.rfft(self.probe.samples, size) * fft.rfft(loudspeaker, size)
         return fft.irfft(spectrum * delay, size)[:length]
+
+
+def realistic(
+    scene: Scene,
+    realism: Realism,
+    *,
+    rng: np.random.Generator,
+    robot: np.random.Generator | None = None,
+) -> tuple[Scene, dict[str, float]]:
+    """Return a scene with the imperfections of one recording, and what was drawn by name.
+
+    The same scene and nothing where everything is clean.
+
+    Args:
+        scene: the ideal one.
+        realism: ranges from which the imperfections are drawn.
+        rng, robot: as those of `Realism.draw`.
+    """
+    if realism.clean:
+        return scene, {}
+    flaws = realism.draw(scene, rng, robot=robot)
+    own = {field.name: getattr(scene, field.name) for field in fields(scene)}
+    if flaws.drawn["coloured"] > 0:
+        own["noise"] = Coloured(flaws.drawn["coloured"], flaws.drawn["colour_hz"])
+    return ImperfectScene(**own, imperfections=flaws), dict(flaws.drawn)

@@ -14,16 +14,14 @@ does that finds its largest peak; `latency_samples` is what such a calibration l
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from echolearn.acoustics.types import Array, Probe
 from echolearn.checks import Range, check, check_range
-from echolearn.simulation.imperfect_scene import ImperfectScene
 from echolearn.simulation.imperfections import Imperfections
 from echolearn.simulation.kernels import band_db, clusters, minimum_phase, ripple
-from echolearn.simulation.noise.coloured import Coloured
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.scene import Scene
 
@@ -172,24 +170,6 @@ class Realism:
             if self.loudspeaker is None
             else _measured(self.loudspeaker.samples),
         )
-
-    def scene(
-        self, scene: Scene, rng: np.random.Generator, *, robot: np.random.Generator | None = None
-    ) -> tuple[Scene, dict[str, float]]:
-        """Return a scene with the imperfections of one recording, and what was drawn by name.
-
-        The same scene and nothing where everything is clean.
-
-        Args:
-            scene, rng, robot: as those of `draw`.
-        """
-        if self.clean:
-            return scene, {}
-        flaws = self.draw(scene, rng, robot=robot)
-        own = {field.name: getattr(scene, field.name) for field in fields(scene)}
-        if flaws.drawn["coloured"] > 0:
-            own["noise"] = Coloured(flaws.drawn["coloured"], flaws.drawn["colour_hz"])
-        return ImperfectScene(**own, imperfections=flaws), dict(flaws.drawn)
 
 
 def _directions(count: int, rng: np.random.Generator) -> Array:

@@ -21,6 +21,7 @@ from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Pose, Room
 from echolearn.checks import check, check_name, check_number, check_whole
 from echolearn.runtime.progress import track
+from echolearn.simulation.imperfect_scene import realistic
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import noise_alone, observe
@@ -169,7 +170,7 @@ def _record(
     def real(index: int) -> tuple[Scene, dict[str, float]]:
         """Return the scene of a pose, and what was drawn for it."""
         rng = stream(seed, "realism", index)
-        return realism.scene(scene, rng, robot=stream(seed, "realism", 0))
+        return realistic(scene, realism, rng=rng, robot=stream(seed, "realism", 0))
 
     def alone() -> bytes:
         """Return the noise alone at the first pose, as a file."""
