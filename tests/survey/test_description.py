@@ -46,7 +46,7 @@ def refusal(folder: Path, name: str) -> str:
         (
             "speed_of_sound",
             0.343,
-            "=0.343 m/s: must be a number from 100 to 2000 m/s; air is 343 m",
+            "=0.343 m/s: must be m/s, from 260 to 400 in air or from 1400 to 1600 in water; is it",
         ),
         ("speed_of_sound", float("nan"), "=nan m/s"),
         ("microphones", "six", "=dtype <U3: must be many x 3 finite numbers in m"),

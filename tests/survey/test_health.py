@@ -109,6 +109,21 @@ MENDED: dict[str, tuple[bool, Change, str]] = {
     "a buffer lost before it": (True, late(700, 700, 444), "arrives 444.0 samples .* to 700.0"),
     "the burst's beginning lost": (True, late(0, 0, -256), "arrives -256.0 samples"),
     "all turned": (True, lambda x: -x, "all 6 microphones wired the other way; turned"),
+    "all turned on the way": (
+        True,
+        lambda x: x * np.where(np.arange(8) < 5, 1, -1)[:, None, None],
+        "all 6 microphones wired the other way in recordings 5, 6, 7; turned",
+    ),
+    "one turned on the way": (
+        True,
+        at(2, lambda x: -x, recordings=slice(4, None)),
+        "microphone 2 wired the other way in recordings 4, 5, 6, 7; turned",
+    ),
+    "three of six, removed": (
+        False,
+        lambda x: x * np.array([1, 1, -1, -1, 1, -1])[:, None],
+        "microphones 3, 4, 6 wired the other way; turned",
+    ),
     "one turned": (True, at(3, lambda x: -x), "microphone 3 wired the other way; turned"),
     "one turned, removed": (False, at(3, lambda x: -x), "microphone 3 wired the other way"),
     "offset": (False, lambda x: x + 0.3, "offset up to 0.3 at all 6 microphones in all 8 rec"),

@@ -166,7 +166,7 @@ def _verdict(health: Health, microphone: int) -> tuple[str, str]:
         return "bad" if health.refused else "told", verdict
     mending = health.mending
     done = []
-    if mending is not None and mending.sign[microphone] < 0:
+    if mending is not None and (mending.sign[:, microphone] < 0).any():
         done.append("sign")
     if mending is not None and mending.offset[:, microphone].any():
         done.append("offset")

@@ -15,6 +15,7 @@ from echolearn.survey.arrivals import SEEN
 from echolearn.survey.exchange import exchanged
 from echolearn.survey.measuring import Walk
 from echolearn.survey.shape import judge_shape
+from echolearn.survey.signs import turned
 
 DEAD_DB = -40.0
 SOFT_DB = -12.0
@@ -77,7 +78,7 @@ def judge_channels(walk: Walk) -> Verdicts:
         _same(walk, found)
         _loopback(walk, found)
         # Whatever else is wrong makes echoes no plane waves.
-        if not found.refused:
+        if not found.refused and (turned(walk.direct, walk.echo.sign) > 0).all():
             _swapped(walk, found)
         _soft(walk, found)
     return found

@@ -27,6 +27,7 @@ from echolearn.storage.files import one_line
 from echolearn.storage.tables import check_plain, nullable
 from echolearn.survey import floor_plan
 from echolearn.survey.audio import check_size
+from echolearn.survey.sound_speed import check_sound_speed
 
 LARGEST_YAML = 1 << 17
 """Bytes that `survey.yaml` may have."""
@@ -55,9 +56,7 @@ LEVEL = partial(check_number, low=-200.0, high=200.0, unit="dB", hint=UNKNOWN)
 
 TABLE = {
     "sample_rate": partial(check_number, low=1000.0, high=400_000.0, unit="Hz"),
-    "speed_of_sound": partial(
-        check_number, low=100.0, high=2000.0, unit="m/s", hint="air is 343 m/s"
-    ),
+    "speed_of_sound": check_sound_speed,
     "microphones": partial(check_metres, shape=(-1, 3)),
     "loudspeaker": partial(check_metres, shape=(3,)),
     "direct_path": ("removed", "present"),

@@ -26,11 +26,9 @@ from echolearn.survey.containers import Containers, numbers_of, told
 from echolearn.survey.echoes import Echo
 from echolearn.survey.measuring import Walk, decibels, measure_walk
 from echolearn.survey.mending import Mending
+from echolearn.survey.signs import split, turned
 from echolearn.survey.survey import CALIBRATION, NOISE, Survey
 from echolearn.survey.time_zero import Direct, TimeZero
-
-SURE = 0.9
-"""Share of recordings that must agree on a sign."""
 
 FAINT = 0.05
 """Power over the noise's below which it is not measurable: stretches of noise differ by as much."""
@@ -110,7 +108,7 @@ def examine(survey: Survey) -> Health:
     verdicts.refused += (*zero.refused, *begun.refused)
     mending = _mending(walk, zero, used=verdicts.alive, calibration=float(begun.late[0]))
     removed = removal.removed_db(replace(survey, mending=mending), walk.direct.noise)
-    negative = _negative(walk.echo.sign * mending.sign * verdicts.alive)
+    signs = walk.echo.sign * mending.sign * verdicts.alive
     rest = walk.level[:, survey.used].mean(axis=1) / np.maximum(walk.noise, 1e-30) - 1.0
     return Health(
         numbers=survey.numbers,
@@ -118,7 +116,7 @@ def examine(survey: Survey) -> Health:
         latency_samples=walk.direct.latency,
         time_zero=zero.line,
         direct_gain=walk.direct.height / np.sqrt(survey.probe.energy),
-        negative_echoes=negative,
+        negative_echoes=_negative(signs),
         offset=walk.levels.offset,
         hum_hz=_fundamental(mending.tones, survey.probe.sample_rate),
         hum_db=decibels(np.median(walk.levels.hum, axis=0), floor=0.0),
@@ -133,7 +131,7 @@ def examine(survey: Survey) -> Health:
         noticed=(
             *verdicts.noticed,
             *_moving(walk),
-            *_reversed(negative, walk.echo),
+            *_reversed(signs, walk.numbers),
             *removal.told(survey, removed),
         ),
         refused=tuple(verdicts.refused),
@@ -196,26 +194,10 @@ def _mending(walk: Walk, zero: TimeZero, *, used: Array, calibration: float) -> 
     return Mending(
         latency=zero.late,
         calibration=calibration,
-        sign=np.where(used, _signs(walk.direct, walk.echo), 1.0),
+        sign=np.where(used, turned(walk.direct, walk.echo.sign), 1.0),
         offset=levels.steady(walk.levels) & used,
         tones=walk.tones,
     )
-
-
-def _signs(direct: Direct, echo: Echo) -> Array:
-    """Return -1 for microphones that are wired the other way, else 1, shape (M,).
-
-    The direct path tells it; without one only a microphone that differs from the others shows.
-    """
-    turned = np.sign(direct.height)
-    if not np.isfinite(turned).any():
-        usual = np.sign(echo.sign.sum(axis=1, keepdims=True))
-        turned = np.where((echo.sign != 0) & (usual != 0), echo.sign * usual, np.nan)
-        # A few recordings without a direct path prove nothing.
-        turned[:, np.isfinite(turned).sum(axis=0) < 5] = np.nan
-    count = np.isfinite(turned).sum(axis=0)
-    negative = (turned < 0).sum(axis=0)
-    return np.where((count > 0) & (negative >= SURE * count), -1.0, 1.0)
 
 
 def _negative(sign: Array) -> float:
@@ -225,16 +207,25 @@ def _negative(sign: Array) -> float:
     return float(np.mean(usual[seen] < 0)) if seen.any() else float("nan")
 
 
-def _reversed(negative: float, echo: Echo) -> list[str]:
-    """Return the line on a walk most of whose echoes are negative, if it is one."""
-    seen = int((echo.sign.sum(axis=1) != 0).sum())
+def _reversed(sign: Array, numbers: Sequence[object]) -> list[str]:
+    """Return the line on a walk whose echoes are negative, mostly or from some place on.
+
+    Args:
+        sign: of the strongest echo at each microphone, mended, shape (P, M); 0 if unseen.
+        numbers: `index` of each recording.
+    """
+    usual = np.sign(sign.sum(axis=1))
+    seen = int(np.count_nonzero(usual))
+    share = _negative(sign)
+    either = "localizer.sign=either takes the largest |r|"
+    place = split(usual)
+    if place:
+        begun = numbers[place]
+        return [f"the strongest echo turns its sign at recording {begun}; was a plug? {either}"]
     # Two standard deviations of a coin that is tossed for each.
-    if not (2 * negative - 1) * seen >= 2 * np.sqrt(max(seen, 1)):
+    if not (2 * share - 1) * seen >= 2 * np.sqrt(max(seen, 1)):
         return []
-    return [
-        f"the strongest echo is negative in {100 * negative:.0f} % of {seen} recordings; "
-        "localizer.sign=either takes the largest |r|"
-    ]
+    return [f"the strongest echo is negative in {100 * share:.0f} % of {seen} recordings; {either}"]
 
 
 def _moving(walk: Walk) -> list[str]:
@@ -280,9 +271,13 @@ def _told(mending: Mending, walk: Walk, *, zero: TimeZero) -> list[str]:
         begun = "late" if mending.calibration > 0 else "early"
         lag = abs(mending.calibration)
         lines.append(f"calibration.wav begins {lag:.1f} samples {begun}; taken off")
-    if (mending.sign < 0).any():
-        turned = naming.microphones(mending.sign < 0)
-        lines.append(f"{turned} wired the other way; turned")
+    wired = mending.sign < 0
+    if wired.any():
+        which = naming.microphones(wired.any(axis=0))
+        # Whoever is turned in all recordings was so before the walk.
+        always = (wired == wired.any(axis=0)).all()
+        where = "" if always else f" in {naming.recordings(numbers, wired.any(axis=1))}"
+        lines.append(f"{which} wired the other way{where}; turned")
     if mending.offset.any():
         most = np.abs(np.asarray(walk.levels.offset)[mending.offset]).max()
         where = naming.recordings(numbers, mending.offset.any(axis=1))

@@ -21,7 +21,7 @@ class Mending:
     Attributes:
         latency: samples that each recording is late, shape (P,); they are taken off its beginning.
         calibration: samples that `calibration.wav` is late.
-        sign: -1 for a microphone that is wired the other way, else 1, shape (M,).
+        sign: -1 where a microphone is wired the other way, else 1, shape (P, M).
         offset: whether a recording has an offset at a microphone, shape (P, M), bool.
         tones: frequencies of the mains in each recording, in cycles per sample; () if none.
     """
@@ -41,7 +41,7 @@ class Mending:
     def __call__(self, samples: Array, pose: int) -> Array:
         """Return the recording of a pose, samples (M, N), as it should have been."""
         samples = steadied(samples, self.offset[pose], self.tones[pose])
-        return taken_off(self.sign[:, None] * samples, float(self.latency[pose]))
+        return taken_off(self.sign[pose][:, None] * samples, float(self.latency[pose]))
 
 
 def steadied(samples: Array, offset: Array, tones: tuple[float, ...]) -> Array:
