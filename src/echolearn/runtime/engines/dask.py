@@ -10,6 +10,7 @@ logs is not shown: failures come back as errors.
 """
 
 import copy
+import json
 import logging
 import re
 import signal
@@ -35,7 +36,6 @@ import echolearn
 from echolearn.checks import BadValue, check, check_number, check_whole
 from echolearn.runtime.engine import T
 from echolearn.runtime.processes import single_threads
-from echolearn.storage.files import load_json
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -105,7 +105,10 @@ def _address_in(path: Path) -> str:
     name = "engine.scheduler_file"
     allowed = "must be a file that dask scheduler --scheduler-file writes"
     check(path.is_file(), name, path, allowed=allowed)
-    about = load_json(path)
+    try:
+        about = json.loads(path.read_bytes())
+    except ValueError:
+        about = None
     address = about.get("address") if isinstance(about, dict) else None
     _check_address(name, address)
     return str(address)
