@@ -29,6 +29,7 @@ from echolearn.cli.compose import compose
 from echolearn.cli.config import build
 from echolearn.dataset.records import records
 from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.simulation.imperfect_scene import realistic
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.observe import observe
 from echolearn.simulation.realism import BOUNDS, Realism
@@ -71,7 +72,7 @@ def draw(lines: Mapping[str, Realism], scene: Any, path: Path) -> None:
     """Draw a row of pictures for each departure."""
     figure, axes = plt.subplots(len(lines), 3, figsize=(13, 2.2 * len(lines)), layout="tight")
     for row, (title, realism) in zip(axes, lines.items(), strict=True):
-        there, drawn = realism.scene(scene, np.random.default_rng(1))
+        there, drawn = realistic(scene, realism, rng=np.random.default_rng(1))
         levels = NoiseLevels(0.0 if title == "coloured noise" else 20.0)
         rng = np.random.default_rng(2)
         heard, truth = observe(ROOM, POSE, scene=there, levels=levels, rng=rng)
@@ -125,7 +126,7 @@ def costs(lines: Mapping[str, Realism], clean: Any) -> list[dict[str, Any]]:
 def respond(plan: Any, row: int) -> None:
     """Compute the received probe of a row; the direct path too, where each row has its own."""
     spot = plan.spot(row, np.random.default_rng(row))
-    scene, drawn = plan.realism.scene(plan.scene, np.random.default_rng(row))
+    scene, drawn = realistic(plan.scene, plan.realism, rng=np.random.default_rng(row))
     scene.received(spot.room, spot.pose)
     if drawn:
         _ = scene.direct

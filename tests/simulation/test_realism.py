@@ -13,7 +13,7 @@ from echolearn.acoustics.types import Pose, Room
 from echolearn.dataset.plans import ScatteredPlan
 from echolearn.dataset.records import records
 from echolearn.localization.methods.gated import Gated
-from echolearn.simulation.imperfect_scene import ImperfectScene
+from echolearn.simulation.imperfect_scene import ImperfectScene, realistic
 from echolearn.simulation.imperfections import Imperfections
 from echolearn.simulation.kernels import clusters, low_pass, minimum_phase
 from echolearn.simulation.noise.coloured import Coloured
@@ -60,7 +60,7 @@ def test_no_departure_is_clean():
     assert np.abs(made.received(ROOM, POSE) - ideal).max() < 1e-12 * np.abs(ideal).max()
     # The engine sums in float32; what is subtracted is exact.
     assert np.abs(made.direct - SCENE.direct).max() < 2e-5 * np.abs(ideal).max()
-    assert Realism().scene(SCENE, np.random.default_rng(0)) == (SCENE, {})
+    assert realistic(SCENE, Realism(), rng=np.random.default_rng(0)) == (SCENE, {})
 
 
 @pytest.mark.parametrize("scattering", [0.0, 0.3, 1.0])
