@@ -77,7 +77,7 @@ studies: $(READY) ## how well localizers find echoes, against SNR, T60, noise, f
 	  -- experiment=attainable room=$(MAPPED) seed=1 'values=[-20]' pings=10 'name=attainable_$${choice.room}_10_pings' \
 	  -- experiment=attainable room=$(MAPPED) seed=2 'values=[-30]' pings=100 'name=attainable_$${choice.room}_100_pings' \
 	  $(if $(RECORDING),-- $(RECORDED))
-	$(RUN) study runs=$(RUNS) workers=$(JOBS) page=docs/arrays.md experiment=arrays
+	$(RUN) study -m runs=$(RUNS) workers=$(JOBS) page=docs/arrays.md experiment=arrays,ceiling
 
 bench: $(READY) ## time everything beside its peers, and write docs/benchmarks.md and docs/scaling.md; best on an idle machine
 	@test ! -e $(RUNS)/compare/paper/manifest.json || $(RUN) export best=$(RUNS)/compare/paper runs=$(RUNS)

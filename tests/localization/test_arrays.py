@@ -131,3 +131,34 @@ def test_microphones_one_above_another_hear_no_azimuth(name: str) -> None:
     silence = Observation(np.ones((1, 3, 6000)), PROBE, mast)
     with refused("array.positions=an upright line: cannot tell azimuths: must not stand one above"):
         localizer(name)(silence)
+
+
+@pytest.mark.parametrize("name", ["gated", "joint", "em"])
+def test_under_a_low_ceiling_the_strongest_echo_of_a_wall_is_sought(name: str) -> None:
+    """Floor and ceiling 1.1 m away and louder; where they are not, it is the strongest of all."""
+    array = circular_array()
+    wall = direction(0.7, LEVEL)
+    up = np.array([0.0, 0.0, 1.0])
+    alone = recorded(array, np.array([wall, wall]), 1.5)
+    loud = recorded(array, np.array([up, -up]), 1.1).samples
+    samples = alone.samples.copy()
+    samples[0] += 2 * loud[0] + 1.5 * np.roll(loud[1], 9, axis=-1)
+    batch = Observation(samples, PROBE, array)
+    plain, auto = localizer(name), localizer(name, echoes="auto")
+    assert plain(batch).elevation[0, 0] == 0.0
+    found = auto(batch)
+    assert found.toa.shape == (2, 1)
+    path = bistatic.echo_path(1.5, wall, array=array)
+    assert found.toa[0, 0] * RATE == pytest.approx(path * RATE / 343.0, abs=1.0)
+    assert np.degrees(found.azimuth[0, 0] - 0.7) == pytest.approx(0.0, abs=3.0)
+    # The second needs no more than it.
+    for field, values in vars(plain(batch)).items():
+        assert np.array_equal(getattr(found, field)[1], values[1])
+    _, columns = localize(batch, auto)
+    assert columns["toa"].shape == (2,) and "rank" not in columns
+
+
+@pytest.mark.parametrize("name", sorted({*NAMES} - {"gated", "joint", "em", "mclam"}))
+def test_what_takes_directions_from_the_whole_recording_cannot_tell_the_ceiling(name: str) -> None:
+    with refused("localizer.echoes=auto: must be a whole number; gated, joint and em tell floor"):
+        localizer(name, echoes="auto")

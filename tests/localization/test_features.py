@@ -8,15 +8,16 @@ import pytest
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.signals import noise_probe
-from echolearn.acoustics.types import Array
+from echolearn.acoustics.types import Array, Echoes
 from echolearn.bench import equations
 from echolearn.localization import features
 from echolearn.localization.beamforming import azimuth_grid
-from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, TENSORS
+from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, SEVERAL, TENSORS
 from echolearn.localization.localize import localize
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
+from echolearn.localization.separation import separate
 from echolearn.localization.silence import SilentMicrophone
 from reference import FIRST, LAST, RATE, loops, observed, wave, white
 
@@ -68,6 +69,23 @@ def test_every_column_and_tensor_is_there_and_no_other():
         assert columns[name].shape == (2, COVARIANCE_BANDS, 36)
         assert columns[name].dtype == np.float32
         assert np.allclose(columns[name][..., :6].sum(axis=-1), 6.0, atol=1e-4)
+
+
+def test_each_of_several_echoes_knows_its_rank_and_its_nearest_neighbour_besides():
+    """Three waves by hand, strongest first; nothing else is described otherwise than before."""
+    parts = [wave(PROBE, 0.4, 150, 0.1), wave(PROBE, 2.0, 210, 0.08), wave(PROBE, -1.5, 180, 0.06)]
+    batch = observed(PROBE, sum(parts) + white(PROBE, 0.002))
+    echoes, columns = localize(batch, Joint(echoes=3))
+    assert set(columns) == {*COLUMNS, *SEVERAL, *TENSORS}
+    assert np.array_equal(columns["rank"], [0.0, 1.0, 2.0])
+    assert np.allclose(columns["neighbour_lag"], [30.0, 30.0, 30.0], atol=0.3)
+    assert np.allclose(columns["neighbour_gain"], [0.6, 0.75, 10 / 6], rtol=0.05)
+    views = separate(MatchedFilter(batch, SearchWindow()), echoes)
+    for r, view in enumerate(views):
+        one = Echoes(*(values[:, r : r + 1] for values in vars(echoes).values()))
+        for name, column in features.describe([view], one).items():
+            if not name.startswith(("power", "azimuth_mpdr", "covariance")):
+                assert np.array_equal(column[0], columns[name][r]), name
 
 
 def test_localize_gives_the_echoes_and_the_columns_that_are_asked_for():

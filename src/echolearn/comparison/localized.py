@@ -15,7 +15,7 @@ from echolearn.evaluation import stats
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
 from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Recordings
 from echolearn.localization.localize import localize
-from echolearn.localization.localizer import Localizer
+from echolearn.localization.localizer import Localizer, returned
 from echolearn.mapping.echo_map import echo_map
 from echolearn.survey import reader
 from echolearn.survey.survey import Survey, blocks
@@ -46,7 +46,7 @@ def localize_survey(
     every = echo_map(echoes, survey.poses, **about).points
 
     # An echo is true if its point lies on a wall: time and direction must both be right.
-    poses = np.repeat(np.arange(len(survey.poses)), localizer.echoes)
+    poses = np.repeat(np.arange(len(survey.poses)), returned(localizer))
     labelled = LabelledRows(
         Recordings(
             Path(folder).name,

@@ -19,6 +19,7 @@ from echolearn.checks import check
 from echolearn.dataset.labelled_set import FORMAT
 from echolearn.dataset.plans import Plan
 from echolearn.dataset.records import records
+from echolearn.localization.localizer import returned
 from echolearn.runtime.engine import Engine
 from echolearn.runtime.progress import track
 from echolearn.storage import manifests
@@ -77,7 +78,7 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
         _await([manifests.sidecar(folder / manifests.shard_name(shard)) for shard in missing])
 
     if missing or not manifests.is_finished(folder):
-        rows = len(plan) * plan.localizer.echoes
+        rows = len(plan) * returned(plan.localizer)
         about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
         names = map(manifests.shard_name, range(count))
         manifests.finish(folder, about | manifests.command_entry(command), names)

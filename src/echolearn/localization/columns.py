@@ -22,6 +22,12 @@ Columns marked (g) change with the gain of the recording; the others are dimensi
 | azimuth, elevation | rad | direction the localizer chose |
 | azimuth_mpdr    | rad  | direction of the whole-recording MPDR (the paper's) |
 
+Where several echoes are sought, each also has
+
+| rank            | 1    | number of stronger echoes of the recording |
+| neighbour_lag   | samples | time to the nearest of the others |
+| neighbour_gain  | 1    | gain of that one over its own |
+
 Tensors are (COVARIANCE_BANDS, M*M) packed Hermitian matrices (`beamforming.pack_hermitian`),
 each band scaled to trace M: `covariance` of the whole recording, `covariance_gated` of the
 matched-filter outputs around the echo, `covariance_steered` the same after steering to the
@@ -50,8 +56,14 @@ UNITS = {
     "azimuth": "rad",
     "elevation": "rad",
     "azimuth_mpdr": "rad",
+    "rank": "1",
+    "neighbour_lag": "samples",
+    "neighbour_gain": "1",
 }
 """Unit of each column."""
 
-COLUMNS = list(UNITS)
+SEVERAL = ("rank", "neighbour_lag", "neighbour_gain")
+"""Those that only one of several echoes has."""
+
+COLUMNS = [name for name in UNITS if name not in SEVERAL]
 TENSORS = ("covariance", "covariance_gated", "covariance_steered")

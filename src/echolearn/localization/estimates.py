@@ -7,17 +7,21 @@ steps and of what is its own.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from echolearn.acoustics.bistatic import upright_elevation
 from echolearn.acoustics.geometry import direction
-from echolearn.acoustics.types import Array, Echoes
+from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.localization import correlations
 from echolearn.localization.beamforming import Mpdr, azimuth_grid
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import relax
 from echolearn.localization.search import Peak, Search, reference_search
+
+SOUGHT = 5
+"""Echoes that are sought where the strongest comes from floor or ceiling."""
 
 
 def joint_echoes(search: Search, peaks: Sequence[Peak]) -> Echoes:
@@ -40,6 +44,30 @@ def joint_echoes(search: Search, peaks: Sequence[Peak]) -> Echoes:
     lag, azimuth, elevation, gain, height, score = _strongest_first(np.stack(rows, axis=-1))
     found = Echoes(matched.toa(lag), score, gain, azimuth, elevation, height**2)
     return from_upright_walls(matched, found, level=on_no_axis(found))
+
+
+def of_walls(localizer: Any, observation: Observation, view: MatchedFilter | None) -> Echoes:
+    """Return the strongest echo of each recording that comes from a wall, fields (B, 1).
+
+    Under a low ceiling the strongest of all comes from there or from the floor. Where it does,
+    `SOUGHT` are sought, each in what the others leave; if all of them do, the strongest stays.
+
+    Args:
+        localizer: a dataclass with `echoes`, which tells floor and ceiling.
+        observation: recordings (B, M, N).
+        view: their matched-filter view, if somebody has made one.
+    """
+    found = replace(localizer, echoes=1)(observation, view)
+    rows = np.flatnonzero(~on_no_axis(found)[:, 0])
+    if not len(rows):
+        return found
+    low = replace(observation, samples=observation.samples[rows])
+    several = replace(localizer, echoes=SOUGHT)(low)
+    first = on_no_axis(several).argmax(axis=-1)[:, None]
+    fields = {name: values.copy() for name, values in vars(found).items()}
+    for name, values in fields.items():
+        values[rows] = np.take_along_axis(getattr(several, name), first, axis=-1)
+    return Echoes(**fields)
 
 
 def on_no_axis(echoes: Echoes) -> Array:

@@ -48,6 +48,8 @@ def describe(
         columns |= steered_columns(view, index, toward=toward) | tensor
         if not {"covariance_gated", "covariance_steered"}.isdisjoint(names):
             columns |= gated_covariances(view, index, toward=toward)
+        if len(views) > 1:
+            columns |= neighbour_columns(view, echoes, r)
         each.append(columns)
     return {
         name: np.stack([columns[name] for columns in each], axis=1).reshape(-1, *first.shape[1:])
@@ -136,6 +138,21 @@ def steered_columns(matched: MatchedFilter, index: Array, *, toward: Array) -> d
         "joint_score": ratio(here, energy),
         "joint_lag": np.abs(best % steered.shape[-1] - index).astype(float),
         "gated_ratio": decibel(ratio(gated[rows, nearest].astype(float), gated.mean(axis=-1))),
+    }
+
+
+def neighbour_columns(matched: MatchedFilter, echoes: Echoes, r: int) -> dict[str, Array]:
+    """Return the columns that tell echo `r` of several, fields (B, R), from the others."""
+    others = np.delete(np.arange(echoes.toa.shape[1]), r)
+    apart = np.abs(echoes.toa[:, others] - echoes.toa[:, r, None])
+    nearest = apart.argmin(axis=-1)[:, None]
+    own = echoes.gain[:, r]
+    return {
+        "rank": np.full(len(own), float(r)),
+        "neighbour_lag": apart.min(axis=-1) * matched.observation.probe.sample_rate,
+        "neighbour_gain": ratio(
+            np.take_along_axis(echoes.gain[:, others], nearest, axis=-1)[:, 0], own
+        ),
     }
 
 

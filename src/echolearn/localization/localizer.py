@@ -10,13 +10,16 @@ from typing import Protocol
 from echolearn.acoustics.arrays import limits, tells_azimuth
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
-from echolearn.checks import check, check_choice, check_fields
+from echolearn.checks import Range, check, check_choice, check_fields
 from echolearn.localization.correlations import PAD
 from echolearn.localization.matched_filter import MatchedFilter, check_echoes
 from echolearn.localization.silence import warn_of_silent
 from echolearn.localization.whitening import whitened
 
-RANGES = {
+AUTO = "auto"
+"""Value of `echoes` by which one echo is returned: the strongest that comes from a wall."""
+
+RANGES: dict[str, Range] = {
     "azimuths": (8, 3600, ""),
     "elevations": (1, 90, ""),
     "echoes": (1, 64, ""),
@@ -40,8 +43,8 @@ class Localizer(Protocol):
         """Size of its azimuth grid."""
 
     @property
-    def echoes(self) -> int:
-        """Number R of those it returns."""
+    def echoes(self) -> int | str:
+        """Number R of those it returns, or `AUTO` (`returned`)."""
 
     @property
     def whiten(self) -> bool | str:
@@ -60,9 +63,26 @@ class Localizer(Protocol):
         """
 
 
-def check_arguments(localizer: Localizer, *ways: str) -> None:
-    """Raise `BadValue` for arguments that no localizer can use; `whiten` may also be in `ways`."""
-    check_fields("localizer", localizer, ranges=RANGES)
+def returned(localizer: Localizer) -> int:
+    """Return how many echoes a localizer returns of each observation."""
+    return 1 if isinstance(localizer.echoes, str) else localizer.echoes
+
+
+def check_arguments(localizer: Localizer, *ways: str, tells_floor: bool = False) -> None:
+    """Raise `BadValue` for arguments that no localizer can use.
+
+    Args:
+        localizer: just made.
+        ways: what `whiten` may be besides true and false.
+        tells_floor: whether it tells echoes of floor and ceiling from those of walls.
+    """
+    ranges = RANGES
+    if getattr(localizer, "echoes", 1) == AUTO:
+        hint = "gated, joint and em tell floor and ceiling from walls"
+        allowed = "must be a whole number"
+        check(tells_floor, "localizer.echoes", AUTO, allowed=allowed, hint=hint)
+        ranges = {name: bounds for name, bounds in RANGES.items() if name != "echoes"}
+    check_fields("localizer", localizer, ranges=ranges)
     check_choice("localizer.sign", localizer.sign, "positive", "either")
     check(
         isinstance(localizer.whiten, bool) or localizer.whiten in ways,
@@ -110,6 +130,6 @@ def prepare(
         view = MatchedFilter(quiet, *grid, white=True)
     if localizer.sign == "either":
         view = view.upright()
-    check_echoes(view, localizer.echoes)
+    check_echoes(view, returned(localizer))
     warn_of_silent(view.silent, reference=reference)
     return view

@@ -28,8 +28,8 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import BadValue, check
 from echolearn.localization import methods
-from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, TENSORS, UNITS
-from echolearn.localization.localizer import Localizer
+from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, SEVERAL, TENSORS, UNITS
+from echolearn.localization.localizer import Localizer, returned
 from echolearn.robot import untrusted_files, untrusted_models
 from echolearn.robot.schema import GOLDEN, LIMITS, upgraded
 from echolearn.storage import manifests
@@ -155,7 +155,10 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
     untrusted_models.check_onnx(data["model.onnx"], name=f"{folder}/model.onnx")
     expected = {"x": ("<f4", (GOLDEN, *shape)), "confidence": ("<f8", (GOLDEN,))}
     golden = untrusted_files.read_arrays(data["golden.npz"], expected, name=f"{folder}/golden.npz")
-    window = SearchWindow(**about["window"])
+    localizer = localizer_of(**about["localizer"], window=SearchWindow(**about["window"]))
+    alone = [name for name in SEVERAL if name in inputs and returned(localizer) == 1]
+    allowed = "must be columns that a single echo has"
+    check(not alone, "columns", alone, allowed=allowed, hint="localizer.echoes is 1")
     return Bundle(
         about=about,
         inputs=inputs,
@@ -163,7 +166,7 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
         threshold=float(about["threshold"]["value"]),
         array=array,
         probe=Probe(burst, rate, length),
-        localizer=localizer_of(**about["localizer"], window=window),
+        localizer=localizer,
         model=data["model.onnx"],
         golden=(golden["x"], golden["confidence"]),
     )
@@ -172,7 +175,7 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
 def _inputs(about: Mapping[str, Any], microphones: int) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """Return the names of what the model looks at, and the shape of one input."""
     tensor = about["view"] == "covariance"
-    known = TENSORS if tensor else COLUMNS
+    known = TENSORS if tensor else [*COLUMNS, *SEVERAL]
     names = [column["name"] for column in about["columns"]]
     wrong = [name for name in names if name not in known]
     check(not wrong, "columns", wrong, allowed=f"must be some of {', '.join(known)}", hint=NEWER)

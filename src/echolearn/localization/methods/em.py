@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
-from echolearn.localization.estimates import joint_echoes
+from echolearn.localization.estimates import joint_echoes, of_walls
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import expect_maximize, relax
@@ -30,7 +30,7 @@ class Em:
     Attributes:
         window: where echoes are sought.
         azimuths: size of the azimuth grid (180 is 2 degrees).
-        echoes: R, estimated per observation.
+        echoes: R, estimated per observation. auto: one, the strongest that comes from a wall.
         iterations: most iterations of EM, at R >= 2.
         weigh: whether to weight microphones by one over their noise power.
         refine: whether to look between the samples and the grid's directions.
@@ -40,7 +40,7 @@ class Em:
 
     window: SearchWindow = SearchWindow()
     azimuths: int = 180
-    echoes: int = 1
+    echoes: int | str = 1
     iterations: int = 30
     weigh: bool = True
     refine: bool = True
@@ -48,10 +48,12 @@ class Em:
     sign: str = field(default="positive", metadata=LATER)
 
     def __post_init__(self) -> None:
-        check_arguments(self)
+        check_arguments(self, tells_floor=True)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
+        if isinstance(self.echoes, str):
+            return of_walls(self, observation, view)
         matched = prepare(self, observation, view=view, whole=False, reference=False)
         # One over the noise power makes the sum of correlations the likelihood.
         weights = noise_weights(matched.observation, matched.silent) if self.weigh else None

@@ -27,6 +27,7 @@ from echolearn.localization.beamforming import invert, regularize
 from echolearn.localization.correlations import PAD, interpolate
 from echolearn.localization.estimates import (
     from_upright_walls,
+    of_walls,
     on_no_axis,
     reference_echoes,
 )
@@ -45,7 +46,7 @@ class Gated:
     Attributes:
         window: where echoes are sought.
         azimuths: size of the azimuth grid (180 is 2 degrees).
-        echoes: R; several are found by RELAX.
+        echoes: R; several are found by RELAX. auto: one, the strongest that comes from a wall.
         beam: das or mpdr.
         gamma: regularisation of the covariance (Eq. 18); `das` has no use for it.
         whiten: whether to divide by the square root of the observation's `noise_psd` first.
@@ -54,18 +55,20 @@ class Gated:
 
     window: SearchWindow = SearchWindow()
     azimuths: int = 180
-    echoes: int = 1
+    echoes: int | str = 1
     beam: str = "das"
     gamma: float = 0.1
     whiten: bool = False
     sign: str = field(default="positive", metadata=LATER)
 
     def __post_init__(self) -> None:
-        check_arguments(self)
+        check_arguments(self, tells_floor=True)
         check_choice("localizer.beam", self.beam, "das", "mpdr")
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
+        if isinstance(self.echoes, str):
+            return of_walls(self, observation, view)
         matched = prepare(self, observation, view=view, whole=False, reference=True)
         check_extent(matched)
         times = reference_echoes(matched, self.echoes)

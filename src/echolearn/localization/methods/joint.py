@@ -16,8 +16,8 @@ import numpy as np
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.localization.correlations import PAD
-from echolearn.localization.estimates import joint_echoes
-from echolearn.localization.localizer import check_arguments, prepare
+from echolearn.localization.estimates import joint_echoes, of_walls
+from echolearn.localization.localizer import check_arguments, prepare, returned
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import relax
 from echolearn.localization.search import Search, joint_search
@@ -34,7 +34,7 @@ class Joint:
     Attributes:
         window: where echoes are sought.
         azimuths: size of the azimuth grid (180 is 2 degrees).
-        echoes: R, estimated per observation.
+        echoes: R, estimated per observation. auto: one, the strongest that comes from a wall.
         refine: whether to look between the samples and the grid's directions.
         whiten: whether to divide by the square root of the observation's `noise_psd` first;
             "spatial" also weighs microphones together by its `noise_covariance`.
@@ -43,16 +43,18 @@ class Joint:
 
     window: SearchWindow = SearchWindow()
     azimuths: int = 180
-    echoes: int = 1
+    echoes: int | str = 1
     refine: bool = True
     whiten: bool | str = False
     sign: str = field(default="positive", metadata=LATER)
 
     def __post_init__(self) -> None:
-        check_arguments(self, "spatial")
+        check_arguments(self, "spatial", tells_floor=True)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
+        if isinstance(self.echoes, str):
+            return of_walls(self, observation, view)
         if self.whiten == "spatial":
             return self._weighted(observation)
         matched = prepare(self, observation, view=view, whole=False, reference=False)
@@ -63,7 +65,7 @@ class Joint:
         observation, coherence = shared_noise(observation)
         view = prepare(self, observation, view=None, whole=False, reference=False)
         white = view.observation
-        found = np.empty((len(fields(Echoes)), len(white.samples), self.echoes))
+        found = np.empty((len(fields(Echoes)), len(white.samples), returned(self)))
         for rows, silent in alike(view.silent):
             samples = white.samples[rows]
             noise = spatial(white, coherence, silent=silent)
@@ -79,4 +81,4 @@ class Joint:
 
     def _strongest(self, search: Search) -> Echoes:
         """Return the R strongest echoes of a search."""
-        return joint_echoes(search, relax(search, self.echoes))
+        return joint_echoes(search, relax(search, returned(self)))
