@@ -25,7 +25,7 @@ from echolearn.evaluation import stats
 from echolearn.evaluation.labelling import Labels, joined, label_echoes
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
 from echolearn.evaluation.rows import LabelledRows, MeasuredRows, Recordings
-from echolearn.localization.localizer import Localizer
+from echolearn.localization.localizer import Localizer, returned
 from echolearn.mapping.echo_map import echo_map
 from echolearn.survey import reader
 from echolearn.survey.survey import Survey
@@ -106,8 +106,8 @@ def measure(
         for key, column in found.items():
             columns[key].append(column)
         labels.append(labels_of(survey, echoes))
-        places += [each for each in places_of(survey) for _ in range(localizer.echoes)]
-        count = len(survey.poses) * localizer.echoes
+        places += [each for each in places_of(survey) for _ in range(returned(localizer))]
+        count = len(survey.poses) * returned(localizer)
         levels.append(np.full(count, joint_snr_db(survey.conditions)))
     strict = joined([each.strict for each in labels])
     by_time = joined([each.by_time for each in labels])
