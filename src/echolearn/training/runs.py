@@ -10,13 +10,40 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from echolearn.checks import check
+from echolearn.checks import BadValue, check, check_list, check_name, check_number, check_text
 from echolearn.evaluation.rows import Model
+from echolearn.localization.columns import COLUMNS, TENSORS
 from echolearn.storage import manifests
 from echolearn.storage.identity import digest
+from echolearn.storage.tables import check_plain
+from echolearn.training.split import FIELDS
 
 FORMAT = 4
 """Version of the run folder; part of every digest."""
+
+
+def check_inputs(name: str, value: Any) -> None:
+    """Raise `BadValue` unless a value lists columns that are there once, or one tensor."""
+    check_list(name, value)
+    columns = all(each in COLUMNS for each in value[: len(COLUMNS)])
+    once = 0 < len(value) <= len(COLUMNS) and len({*map(str, value)}) == len(value)
+    tensor = len(value) == 1 and value[0] in TENSORS
+    allowed = f"must be some of {', '.join(COLUMNS)}, each once, or one of {', '.join(TENSORS)}"
+    check(tensor or (columns and once), name, f"{value!a:.100}", allowed=allowed)
+
+
+TABLE: dict[str, Any] = {
+    "run": check_text,
+    "name": check_name,
+    "plan": check_name,
+    "role": ("baseline", "learned"),
+    "method": check_text,
+    "data": check_text,
+    "inputs": check_inputs,
+    "threshold": check_number,
+    "model": {"sha256": check_text, "parity": check_number, "trials": check_number},
+} | {key: FIELDS[key] for key in ("target", "seed", "split", "test_share")}
+"""What is read of a run's `metrics.json`; other keys are for people."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +94,27 @@ def read_run(folder: Path) -> Run:
     """Return a finished run, every file of it proved.
 
     Raises:
-        BadValue: it is not finished or damaged, or another version of echolearn has made it.
+        BadValue: it is not finished or damaged, another version of echolearn has made it, or its
+            metrics are not what a run has.
     """
     run = Run(folder, manifests.verify(folder))
     manifests.check_own_name(folder, run.metrics)
     maker = other_maker(run)
     check(not maker, "run", folder, allowed=f"made by {maker}: train it again")
+    check_metrics(run)
     return run
+
+
+def check_metrics(run: Run) -> None:
+    """Raise `BadValue` unless a run's metrics, which a stranger may have written, say what is read.
+
+    Their checksum tells damage alone.
+    """
+    read = {key: run.metrics[key] for key in TABLE if key in run.metrics}
+    try:
+        check_plain("", read, table=TABLE)
+    except BadValue as error:
+        raise BadValue(f"{run.folder}/{manifests.METRICS} {error}") from None
 
 
 def finished_runs(runs: Path) -> Iterator[Run]:
@@ -88,6 +129,7 @@ def finished_runs(runs: Path) -> Iterator[Run]:
             said = f"run={run.folder}: made by {maker}, left out: train it again"
             print(said, file=sys.stderr, flush=True)
         else:
+            check_metrics(run)
             yield run
 
 
