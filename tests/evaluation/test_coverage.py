@@ -76,3 +76,15 @@ def test_what_is_undefined_is_nan():
     for nowhere in (POSES[2:3], POSES[:0]):
         assert np.isnan(covered(FEET, nowhere))
         assert np.isnan(distance(FEET, nowhere))
+
+
+def test_the_back_of_a_pillar_is_not_in_reach():
+    """From 1.1 m before its front, which hides its back 1.5 m away; what is shown covers all."""
+    pillar = closed(np.array([[3.0, 3.0], [3.0, 3.4], [3.4, 3.4], [3.4, 3.0]]))
+    walls = np.concatenate([WALLS, pillar])
+    place = np.array([[3.2, 1.9]])
+    foot, echoes = coverage.feet(walls, place)
+    assert np.flatnonzero(echoes[0]).tolist() == [0, 7]
+    assert foot[0, 7].tolist() == pytest.approx([3.2, 3.0])
+    shown = coverage.of_walls(walls, foot[echoes], poses=place)
+    assert shown["wall_coverage"] == 1.0

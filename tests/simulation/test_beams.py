@@ -1,6 +1,7 @@
 """Rooms of any outline: images against pyroomacoustics' polyhedra, a box, and mirrors by hand."""
 
 import math
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -14,6 +15,7 @@ from echolearn.acoustics.sides import twice_area
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.simulation.beams import plan_images
 from echolearn.simulation.rir.images import Images
+from echolearn.simulation.rir.torch_images import TorchImages
 from reference import RATE, SPEED
 
 L = ((0.0, 0.0), (7.0, 0.0), (7.0, 3.0), (4.0, 3.0), (4.0, 6.5), (0.0, 6.5))
@@ -119,6 +121,15 @@ def test_a_box_drawn_as_a_polygon_sounds_like_a_box(
     shift = np.array([-1.0, 2.0, 0.0])
     expected = Images()(box, np.array(place), microphones, **about)
     found = Images()(drawn, np.array(place) + shift, microphones + shift, **about)
+    error = np.sum((found - expected) ** 2) / np.sum(expected**2)
+    assert found.shape == expected.shape and 10 * np.log10(error) < -100.0
+
+
+def test_torch_sums_the_same_images() -> None:
+    about = {"sample_rate": RATE, "speed_of_sound": SPEED}
+    room = replace(ROOMS["a pillar and a door"], t60=0.15)
+    expected = Images()(room, SOURCE, MICROPHONES, **about)
+    found = TorchImages("cpu")(room, SOURCE, MICROPHONES, **about)
     error = np.sum((found - expected) ** 2) / np.sum(expected**2)
     assert found.shape == expected.shape and 10 * np.log10(error) < -100.0
 

@@ -14,6 +14,9 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 
+BLOCK = 4096
+"""Lines that are held against all sides at a time."""
+
 
 def closed(corners: Array) -> Array:
     """Return the sides of a polygon with corners (C, 2), shape (C, 2, 2)."""
@@ -106,15 +109,26 @@ def first_echoes(sides: Array, source: Array, *, microphones: Array) -> Array:
     heard &= (place >= 0) & (place <= length)
     m, s = np.nonzero(heard)
     met = sides[s, 0] + place[m, s, None] * along[s]
-    free = ~(_blocked(source[:2], met, s, sides) | _blocked(microphones[m, :2], met, s, sides))
-    heard[m, s] = free
+    before = blocked(source[:2], met, side=s, sides=sides)
+    heard[m, s] = ~(before | blocked(microphones[m, :2], met, side=s, sides=sides))
     return np.where(heard, way, np.nan)
 
 
-def _blocked(place: Array, met: Array, side: Array, sides: Array) -> Array:
-    """Tell where another side stands between places (K, 2) or (2,) and points met on sides (K,)."""
+def blocked(place: Array, met: Array, *, side: Array, sides: Array) -> Array:
+    """Tell where another side stands between places and points of sides, shape (K,).
+
+    Args:
+        place: shape (K, 2) or (2,), in m.
+        met: points on sides, shape (K, 2), in m.
+        side: their numbers, shape (K,).
+        sides: shape (S, 2, 2), in m.
+    """
     lines = np.stack([np.broadcast_to(place, met.shape), met], axis=1)
-    crossed = crosses(lines, sides)
-    crossed[np.arange(len(side)), side] = False
-    found: Array = np.asarray(crossed.any(axis=1))
+    found = np.zeros(len(lines), dtype=bool)
+    # Some at a time: a long walk past a stranger's thousand sides would not fit into memory.
+    for start in range(0, len(lines), BLOCK):
+        part = slice(start, start + BLOCK)
+        crossed = crosses(lines[part], sides)
+        crossed[np.arange(len(crossed)), side[part]] = False
+        found[part] = crossed.any(axis=1)
     return found

@@ -16,6 +16,7 @@ import math
 import numpy as np
 from scipy.spatial.distance import cdist
 
+from echolearn.acoustics.sides import blocked
 from echolearn.acoustics.types import Array
 from echolearn.evaluation.metrics import ratio
 
@@ -45,14 +46,18 @@ def wall_samples(walls: Array) -> tuple[Array, Array]:
 def feet(walls: Array, poses: Array) -> tuple[Array, Array]:
     """Drop perpendiculars from poses (P, 2) on walls (W, 2, 2): feet (P, W, 2) in m, which echo.
 
-    The second result, shape (P, W), is true where the foot lies on the wall, 1 to 2 m away.
+    The second result, shape (P, W), is true where the foot lies on the wall, 1 to 2 m away, and no
+    other wall in between.
     """
     start = walls[:, 0]
     edge = walls[:, 1] - start
     along = ((poses[:, None] - start) * edge).sum(-1) / (edge**2).sum(-1)
     foot = start + along[..., None] * edge
     distance = np.linalg.norm(foot - poses[:, None], axis=-1)
-    return foot, (along >= 0) & (along <= 1) & (distance >= NEAREST) & (distance <= FARTHEST)
+    echoes = (along >= 0) & (along <= 1) & (distance >= NEAREST) & (distance <= FARTHEST)
+    pose, wall = np.nonzero(echoes)
+    echoes[pose, wall] = ~blocked(poses[pose], foot[pose, wall], side=wall, sides=walls)
+    return foot, echoes
 
 
 def attainable(walls: Array, poses: Array) -> float:
