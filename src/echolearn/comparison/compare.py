@@ -23,10 +23,10 @@ from echolearn.comparison.fitting import robot_in
 from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.evaluation.rows import to_csv
 from echolearn.localization.localizer import Localizer
-from echolearn.robot.examination import examine_run
 from echolearn.storage.advice import assignment, command_line
-from echolearn.storage.files import clean, write_atomic
+from echolearn.storage.files import clean, sha256, write_atomic
 from echolearn.storage.identity import digest, plain
+from echolearn.storage.journal import JOURNAL
 from echolearn.storage.manifests import (
     MANIFEST,
     Contents,
@@ -38,10 +38,15 @@ from echolearn.storage.manifests import (
 )
 from echolearn.storage.marked_page import around
 from echolearn.storage.once import once
+from echolearn.survey.proof import used
+from echolearn.survey.reader import read_survey
 from echolearn.training.runs import load_runs
 
 ABOUT = " role method split target kind set_role room localizer"
 """Columns of both tables that tell what a row is about, so that no name need be taken apart."""
+
+BEGUN = ("simulated.json", "imported.json")
+"""Files of surveys that a command makes: without a manifest it has not finished them."""
 
 COLUMNS = "classifier trained_on tested_on seed snr_db noise metric value ci_low ci_high n" + ABOUT
 TEST_COLUMNS = (
@@ -133,6 +138,9 @@ def load_inputs(
     Raises:
         BadValue: something is missing or damaged.
     """
+    # What opens models takes a while to load, and who only looks at results needs none.
+    from echolearn.robot.examination import examine_run
+
     models = defaultdict(list)
     for run in load_runs(runs):
         # Before any work, and once for all processes.
@@ -166,9 +174,18 @@ def identity(inputs: Inputs) -> dict[str, Any]:
     return {
         "runs": {run.identity: run.metrics["model"]["sha256"] for run in runs},
         "sets": {key: dataset.digest for key, dataset in inputs.sets.items()},
-        "surveys": {key: digest(verify(place)["files"]) for key, place in inputs.surveys.items()},
+        "surveys": {key: survey_digest(place) for key, place in inputs.surveys.items()},
         "localizers": plain(dict(inputs.localizers)),
     }
+
+
+def survey_digest(folder: Path) -> str:
+    """Return the digest of a survey's files: those that its manifest proves, or those in use."""
+    if (folder / MANIFEST).is_file():
+        return digest(verify(folder)["files"])
+    # What a robot left has no manifest.
+    present = [folder / name for name in used(read_survey(folder))]
+    return digest({path.name: sha256(path) for path in present if path.is_file()})
 
 
 def _finished(folder: Path, inputs: Mapping[str, Any]) -> Contents | None:
@@ -220,16 +237,27 @@ def find_set(runs: Path, name: str) -> Path:
 
 
 def find_survey(runs: Path, name: str) -> Path:
-    """Return the folder of a finished survey.
+    """Return the folder of a survey: a finished one of that name, or one that a robot recorded.
+
+    Args:
+        runs: folder of everything generated.
+        name: name of a folder under `runs/survey`, or a path with a slash to any other.
 
     Raises:
-        BadValue: there is none.
+        BadValue: there is none, or it is still being made.
     """
-    folder = runs / "survey" / name
-    finished = (folder / MANIFEST).is_file()
+    folder = Path(name) if "/" in name else runs / "survey" / name
+    begun = any((folder / each).is_file() for each in (JOURNAL, *BEGUN))
+    recorded = (folder / "survey.yaml").is_file() and not begun
+    finished = (folder / MANIFEST).is_file() or recorded
     # Names of surveys begin like this unless they are given.
     usual = re.fullmatch(r"(\w+)_(-?[\d.]+)dB", name)
     words = [f"room={usual[1]}", f"snr_db={usual[2]}"] if usual else [assignment("name", name)]
     hint = f"run: {command_line('survey', *words, runs=runs)}"
-    check(finished, "surveys", name, allowed="must be the name of a finished survey", hint=hint)
+    imported = re.fullmatch(r"(\w+)_(-?[\d.]+)dB_(\d+)", name)
+    if imported:
+        words = [f"source={imported[1]}", f"snr_db={imported[2]}", f"draw={imported[3]}"]
+        hint = f"run: {command_line('import', *words, runs=runs)}"
+    allowed = "must be the name of a finished survey, or a folder in its format, ./walk"
+    check(finished, "surveys", name, allowed=allowed, hint=hint)
     return folder

@@ -63,11 +63,11 @@ def grouped(folders: Mapping[str, Path]) -> dict[str, list[Path]]:
             continue
         survey = reader.read_survey(folder)
         alone = survey.truth is None or "room" not in survey.conditions
-        title = name if alone else room_of(survey.conditions, name)
+        title = folder.name if alone else room_of(survey.conditions, name)
         if survey.conditions.get("protocol") == "none":
             title += ", as they are"
         key = title, survey.array, survey.probe.sample_rate, survey.probe.length
-        found[key].append((name, folder))
+        found[key].append((folder.name, folder))
     named: dict[str, list[Path]] = {}
     for (title, *_), surveys in found.items():
         # Of two kinds of recordings in one room the second is called after its first survey.

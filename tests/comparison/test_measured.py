@@ -1,0 +1,234 @@
+"""Recorded surveys in a comparison: their echoes are judged one by one, by the truth beside them;
+models that were made for another robot are rows that say so."""
+
+import csv
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from by_hand import edit
+from echolearn.acoustics.geometry import circular_array
+from echolearn.acoustics.rooms import outline, true_echoes
+from echolearn.acoustics.types import Array, MicArray
+from echolearn.checks import BadValue
+from echolearn.comparison.compare import compare, find_survey, load_inputs
+from echolearn.comparison.evaluate import evaluate
+from echolearn.comparison.fitting import OTHER_ARRAY, OTHER_RATE, misfit, robot_of
+from echolearn.comparison.localized import localized
+from echolearn.comparison.measured import grouped, measure
+from echolearn.evaluation.rows import Row, pick
+from echolearn.survey.poses import poses_csv
+from echolearn.survey.reader import read_survey
+from echolearn.survey.truth import truth_csv
+from echolearn.training.runs import Run
+from world import CLASSIFIERS, HALL, World
+
+SOME = 12
+"""Poses of each recorded walk."""
+
+
+def recorded(folder: Path, source: Path, **about: Any) -> Path:
+    """Make of a simulated walk one that a robot has recorded, its echoes known."""
+    shutil.copytree(source, folder)
+    (folder / "manifest.json").unlink()
+    (folder / "simulated.json").unlink()
+    survey = read_survey(folder)
+    truths = [true_echoes(HALL, pose, array=circular_array()) for pose in survey.poses[:SOME]]
+    (folder / "truth.csv").write_bytes(truth_csv(truths))
+    places = {"place": [f"corner {number // 3}" for number in range(SOME)]}
+    table = poses_csv(survey.poses[:SOME], survey.files[:SOME], further=places)
+    (folder / "poses.csv").write_bytes(table)
+    edit(folder, **{"walls": ..., "map": False} | about)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def walks(world: World, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+    """Return recorded walks by name: at two levels, with walls, by another array."""
+    base = tmp_path_factory.mktemp("recorded")
+    loud, quiet = (world.runs / "survey" / name for name in ("hall_0dB", "hall_-10dB"))
+    conditions = {"noise": "white", "room": "hall"}
+    made = {
+        "loud": recorded(base / "loud", loud, conditions=conditions | {"snr_db": 0.0}),
+        "quiet": recorded(base / "quiet", quiet, conditions=conditions | {"snr_db": -10.0}),
+    }
+    walls = recorded(base / "walled", loud, map=True, walls=outline(HALL)[:, 0].tolist())
+    (walls / "truth.csv").unlink()
+    five = recorded(base / "five", loud, conditions=conditions)
+    positions = circular_array(radius=0.3).positions.tolist()
+    edit(five, microphones=positions, conditions={"room": "other"})
+    return made | {"walled": walls, "five": five}
+
+
+@pytest.fixture(scope="module")
+def rows(world: World, walks: Mapping[str, Path]) -> Any:
+    """Return the rows of a comparison with all of them."""
+    inputs = load_inputs(
+        world.runs,
+        tested=["offgrid_hall"],
+        surveys=list(map(str, walks.values())),
+        localizers={"gated": world.arguments["localizers"]["gated"]},
+    )
+    return evaluate(inputs, resamples=30, workers=1).rows
+
+
+def one(rows: list[Row], **wanted: Any) -> Row:
+    """Return the only row of a kind."""
+    [found] = pick(rows, kind="measured", seed="", **wanted)
+    return found
+
+
+def test_levels_of_one_room_are_judged_together_and_each_alone(
+    walks: Mapping[str, Path], rows: list[Row]
+) -> None:
+    assert {name: [each.name for each in some] for name, some in grouped(walks).items()} == {
+        "hall": ["loud", "quiet"],
+        "walled": ["walled"],
+        "other": ["five"],
+    }
+    for level, count in (("", 2 * SOME), ("0", SOME), ("-10", SOME)):
+        row = one(rows, tested_on="hall", classifier="chance", metric="auc", snr_db=level)
+        assert (row["n"], row["room"], row["localizer"], row["noise"]) == (
+            count, "hall", "gated", "white"
+        )  # fmt: skip
+
+
+def test_labels_and_metrics_are_those_of_a_slow_look(
+    walks: Mapping[str, Path], rows: list[Row], world: World
+) -> None:
+    gated = world.arguments["localizers"]["gated"]
+    both: list[bool] = []
+    timed: list[bool] = []
+    for name in ("loud", "quiet"):
+        survey = read_survey(walks[name])
+        echoes, _ = localized(survey, gated)
+        for pose, place in enumerate(survey.poses):
+            truth = true_echoes(HALL, place, array=circular_array())
+            late = np.abs(truth.toa - echoes.toa[pose, 0]) * 22050 < 10
+            turned = np.angle(np.exp(1j * (truth.azimuth - echoes.azimuth[pose, 0])))
+            tilted = truth.elevation - echoes.elevation[pose, 0]
+            # Floor and ceiling are straight below and above.
+            upright = np.abs(truth.elevation - np.pi / 2) > 1
+            near = np.abs(np.where(upright, tilted, turned)) <= np.deg2rad(10)
+            timed.append(bool(late.any()))
+            both.append(bool((late & near).any()))
+    every = {"tested_on": "hall", "classifier": "keep_everything", "snr_db": ""}
+    assert one(rows, metric="precision", **every)["value"] == pytest.approx(np.mean(both))
+    assert one(rows, metric="time_precision", **every)["value"] == pytest.approx(np.mean(timed))
+    assert one(rows, metric="true_retention", **every)["value"] == 1.0
+    measured = measure("hall", [walks["loud"], walks["quiet"]], gated, name="gated", resamples=30)
+    assert measured.label == "time_and_direction" and measured.places == SOME // 3
+    assert measured.labelled.reference.tolist() == both
+    # Rows of a place go together into a resample, whatever their level.
+    weights = measured.labelled.weights.reshape(-1, 2, SOME // 3, 3)
+    assert (weights == weights[:, :1, :, :1]).all()
+
+
+def test_walls_label_what_has_no_table_of_echoes(
+    walks: Mapping[str, Path], rows: list[Row], world: World
+) -> None:
+    gated = world.arguments["localizers"]["gated"]
+    measured = measure("walled", [walks["walled"]], gated, name="gated", resamples=30)
+    assert measured.label == "on_map" and measured.by_time is None
+    kept = one(rows, tested_on="walled", classifier="keep_everything", metric="precision")
+    assert kept["value"] == pytest.approx(measured.labelled.reference.mean())
+    # Its map is judged, too, as that of any walk.
+    assert pick(rows, kind="survey", tested_on="walled", metric="wall_coverage")
+    assert not pick(rows, kind="survey", tested_on="hall")
+
+
+def test_who_was_trained_for_another_array_is_a_row_that_says_so(rows: list[Row]) -> None:
+    here = pick(rows, kind="measured", tested_on="other")
+    learned = [row for row in here if row["role"] != "reference"]
+    assert {row["metric"] for row in learned} == {OTHER_ARRAY}
+    assert all(np.isnan(row["value"]) and row["n"] == 0 for row in learned)
+    assert {row["classifier"] for row in learned} == set(CLASSIFIERS)
+    assert pick(here, classifier="chance", metric="auc", seed="")
+
+
+def test_a_comparison_shows_measured_columns_and_its_columns_stay(
+    world: World, walks: Mapping[str, Path], tmp_path: Path
+) -> None:
+    runs = tmp_path / "runs"
+    for part in ("data", "train"):
+        shutil.copytree(world.runs / part, runs / part)
+    folder = compare(
+        name="measured",
+        tested=["offgrid_hall"],
+        surveys=[str(walks["loud"]), str(walks["quiet"]), str(walks["five"])],
+        localizers={"gated": world.arguments["localizers"]["gated"]},
+        resamples=30,
+        runs=runs,
+    )
+    with (folder / "results.csv").open(newline="") as file:
+        found = list(csv.DictReader(file))
+    assert {row["kind"] for row in found} == {"set", "measured"}
+    [refused, *_] = [row for row in found if row["metric"] == OTHER_ARRAY]
+    assert (refused["value"], refused["n"]) == ("", "0")
+    table = (folder / "table.md").read_text()
+    page = (folder / "report.html").read_text()
+    assert "| offgrid_hall | hall | other |" in table and "<th>hall</th><th>other</th>" in page
+    assert "| trees_features | scattered | other array |" in table and "other array</td>" in page
+    auc = [
+        row["value"]
+        for row in found
+        if (row["classifier"], row["tested_on"], row["metric"], row["snr_db"], row["seed"])
+        == ("trees_features", "hall", "auc", "", "")
+    ]
+    assert f"| trees_features | scattered | {float(auc[0]):.2f} [" in table
+
+
+# ---------------------------------------------------------------- who fits whom
+
+
+def run_with(microphones: Array | None) -> Run:
+    """Return a run whose metrics say where its microphones were."""
+    said = {} if microphones is None else {"microphones": microphones.tolist()}
+    return Run(Path("run"), said)
+
+
+def test_a_robot_whose_survey_has_fewer_digits_or_is_turned_is_the_same() -> None:
+    ring = circular_array()
+    trained = robot_of(ring, 22050.0)._replace(positions=None)
+    rounded = MicArray(np.round(ring.positions, 4))
+    turned = circular_array(offset=0.3)
+    wider = circular_array(radius=0.21)
+    fewer = circular_array(microphones=5)
+    known = run_with(ring.positions)
+    for array, expected in ((ring, ""), (rounded, ""), (turned, "")):
+        assert misfit(known, trained, robot_of(array, 22050.0)) == expected
+    for array in (wider, fewer):
+        assert misfit(known, trained, robot_of(array, 22050.0)) == OTHER_ARRAY
+    assert misfit(known, trained, robot_of(ring, 48000.0)) == OTHER_RATE
+    # Runs of before tell the digest of their array alone.
+    assert misfit(run_with(None), trained, robot_of(ring, 22050.0)) == ""
+    assert misfit(run_with(None), trained, robot_of(rounded, 22050.0)) == OTHER_ARRAY
+    assert misfit(known, None, robot_of(fewer, 22050.0)) == ""
+
+
+def test_walks_of_another_robot_alone_are_refused_in_one_line(
+    world: World, walks: Mapping[str, Path], tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(walks["walled"], tmp_path / "wide"))
+    edit(folder, microphones=circular_array(radius=0.3).positions.tolist())
+    inputs = load_inputs(
+        world.runs,
+        tested=["offgrid_hall"],
+        surveys=[str(folder)],
+        localizers={"gated": world.arguments["localizers"]["gated"]},
+    )
+    with pytest.raises(BadValue, match="^surveys=wide: must be of an array and a rate for which"):
+        evaluate(inputs, resamples=30, workers=1)
+
+
+def test_what_is_still_being_made_is_no_survey(walks: Mapping[str, Path], tmp_path: Path) -> None:
+    place = tmp_path / "survey" / "r3vival_0dB_1"
+    shutil.copytree(walks["loud"], place)
+    assert find_survey(tmp_path, place.name) == place
+    (place / "imported.json").write_text("{}")
+    with pytest.raises(BadValue, match="run: echolearn import source=r3vival snr_db=0 draw=1"):
+        find_survey(tmp_path, place.name)
