@@ -18,7 +18,7 @@ CROSSED := [s*,t*]
 MAPPED := 8x6x5,13x11x5
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper tiny readme studies bench architecture test test-release coverage lint clean
+.PHONY: help venv paper tiny measured readme studies bench architecture test test-release coverage lint clean
 
 help: ## show this page
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -54,6 +54,22 @@ tiny: $(READY) ## the same path on small sets, for a first look
 	$(TRAIN) runs=$(RUNS)/tiny classifier=threshold_peak,svm_pair,svm_features,trees_features,mlp_features plan=tiny_scattered
 	$(RUN) survey -m -j $(JOBS) runs=$(RUNS)/tiny room=8x6x5 snr_db=-5,0 poses=60
 	$(RUN) compare runs=$(RUNS)/tiny name=tiny 'tested=[tiny,tiny_scattered]' 'surveys=[8x6x5_-5dB,8x6x5_0dB]' resamples=200
+
+# Levels and draws of the noise that measured sound is judged at.
+LEVELS := -10,-5,0,10,40
+HEARD = $(foreach draw,0 1,$(foreach level,-10 -5 0 10 40,r3vival_$(level)dB_$(draw)))
+comma := ,
+empty :=
+
+measured: $(READY) ## classifiers for the array of R3VIVAL on its measured sound; writes docs/measured.md; CHECKOUT=folder takes the whole set
+	$(RUN) generate -m runs=$(RUNS)/measured scene=octahedron plan=scattered plan.rows=3000 realism=clean,measured
+	$(TRAIN) runs=$(RUNS)/measured scene=octahedron plan=scattered plan.rows=3000 realism=clean,measured \
+	  -- classifier=trees_features,svm_features,threshold_peak,svm_pair \
+	  -- classifier=trees_features,svm_features target=time_and_direction
+	$(RUN) import -m -j $(JOBS) runs=$(RUNS)/measured snr_db=$(LEVELS) draw=0,1 $(if $(CHECKOUT),folder=$(CHECKOUT))
+	$(RUN) compare runs=$(RUNS)/measured name=measured 'tested=[scattered,scattered_measured]' \
+	  'surveys=[$(subst $(empty) ,$(comma),$(strip $(HEARD)))]' \
+	  localizer@localizers.snls=null localizer@localizers.joint=null readme=docs/measured.md
 
 readme: $(READY) ## run everything from nothing, in runs/fresh, and write the times and results into README.md
 	rm -rf runs/fresh
