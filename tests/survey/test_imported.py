@@ -16,6 +16,7 @@ from echolearn.acoustics.types import Array, MicArray, Pose, Truth
 from echolearn.checks import BadValue
 from echolearn.storage import manifests
 from echolearn.survey import audio, imported
+from echolearn.survey.health import examine
 from echolearn.survey.measured import Measurements, Response
 from echolearn.survey.proof import verify_survey
 from echolearn.survey.protocols import Take, moved, recorded, takes
@@ -390,3 +391,32 @@ def test_annotations_of_another_shape_are_refused(
         Dechorate().read(annotations)
     with refused("folder=None: nothing of this source comes with echolearn"):
         Dechorate().read(None)
+
+
+@dataclass(frozen=True)
+class Some:
+    """A few places of the slice, two of the microphones exchanged if asked."""
+
+    order: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
+
+    def read(self, folder: Path | None) -> Measurements:
+        """Return ten places of the slice."""
+        measured = R3vival().read(folder)
+        few = [
+            replace(each, samples=each.samples[list(self.order)])
+            for each in measured.responses[:10]
+        ]
+        return replace(measured, responses=few)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4, 5), (3, 1, 2, 0, 4, 5)])
+def test_microphones_at_several_heights_are_told_from_exchanged_ones(
+    order: tuple[int, ...], tmp_path: Path
+) -> None:
+    """Echoes of floor and ceiling come slanting to an octahedron, and together."""
+    probe = noise_probe(length=4000)
+    folder = imported_points(tmp_path, source=Some(order), probe=probe, snr_db=40.0)
+    refusals = examine(read_survey(folder)).refused
+    assert [line.startswith("changed places=microphones") for line in refusals] == (
+        [] if order[0] == 0 else [True]
+    )

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.types import Array
 
 ECHOES = 4
@@ -21,6 +22,10 @@ ECHOES = 4
 
 DIRECTIONS = 24
 """Azimuths that are tried, and the axis."""
+
+SLANTED = np.deg2rad([30.0, 60.0, 120.0, 150.0])
+"""Angles from the axis, in rad, that are tried besides where microphones are not in one level:
+there an echo that comes slanting, taken for a level one, would make others seem exchanged."""
 
 FINER = 2
 """Points per lag at which the matched filter is read."""
@@ -63,7 +68,7 @@ class Strongest(NamedTuple):
     Attributes:
         louder: z_ij of each, shape (ECHOES, pairs).
         lag: at the array's middle, shape (ECHOES,), in samples.
-        azimuth: shape (ECHOES,), in rad; NaN of what comes along the axis.
+        azimuth: shape (ECHOES,), in rad; NaN of what comes slanting or along the axis.
     """
 
     louder: Array
@@ -97,11 +102,16 @@ def strongest(outputs: Array, noise: Array, *, positions: Array) -> Strongest:
 
 @lru_cache(maxsize=4)
 def _delays(positions: bytes, count: int) -> Array:
-    """Return eta_m(phi) in samples, shape (DIRECTIONS + 1, M)."""
-    angles = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    toward = np.stack([np.cos(angles), np.sin(angles), np.zeros(DIRECTIONS)], axis=-1)
-    toward = np.append(toward, [[0.0, 0.0, 1.0]], axis=0)
+    """Return eta_m(phi) in samples, shape (A, M): level directions first, then the others."""
     places = np.frombuffer(positions).reshape(count, 3)
+    azimuths = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    elevations = [np.pi / 2]
+    upright = [[0.0, 0.0, 1.0]]
+    if np.ptp(places[:, 2]) > 0.1 * np.ptp(places, axis=0).max():
+        elevations += SLANTED.tolist()
+        upright.append([0.0, 0.0, -1.0])
+    around = direction(azimuths, np.array(elevations)[:, None]).reshape(-1, 3)
+    toward = np.concatenate([around, upright])
     return -toward @ (places - places.mean(axis=0)).T
 
 
@@ -128,7 +138,7 @@ def _echo_at(heard: Array, delays: Array, *, reach: int) -> tuple[Array, float, 
     best = float(np.abs(usual[toward, place]))
     if max(best, *highest) < SEEN * np.sqrt(count):
         return np.full(len(highest), np.nan), np.nan, np.nan
-    # The last direction is the axis.
+    # Only the first ones are level.
     azimuth = 2 * np.pi * float(toward) / DIRECTIONS if toward < DIRECTIONS else np.nan
     return np.array(highest) / best - 1.0, float(lags[place]), azimuth
 
