@@ -72,13 +72,7 @@ def run_study(
             clean(place)
         estimates = folder / _shards_of(about["study"])
         clean(estimates)
-        missing = manifests.missing_shards(estimates, len(study.values))
-        done = len(study.values) - len(missing)
-        with processes(max(1, min(workers, len(missing)))) as pool:
-            jobs = [pool.submit(_write_shard, study, estimates, index) for index in missing]
-            for job in track(jobs, f"study {name}", unit="values", done=done):
-                job.result()
-
+        _write_missing(study, estimates, name=name, workers=workers)
         rows = accuracy_rows(study, estimates, resamples=resamples)
         files = curves.study_files(name, vary=study.vary, rows=rows)
         for file, content in files.items():
@@ -90,6 +84,23 @@ def run_study(
     table = once(folder, finished=finished, make=make, doing="makes this study")
     print(table, *sorted(folder.glob("figures/*.svg")), sep="\n")
     return folder
+
+
+def _write_missing(study: Study, estimates: Path, *, name: str, workers: int) -> None:
+    """Write the shards of a study that are missing.
+
+    Args:
+        study: what is varied.
+        estimates: folder of the shards, one for each value.
+        name: of the study, for the display of progress.
+        workers: processes, at most.
+    """
+    missing = manifests.missing_shards(estimates, len(study.values))
+    done = len(study.values) - len(missing)
+    with processes(max(1, min(workers, len(missing)))) as pool:
+        jobs = [pool.submit(_write_shard, study, estimates, index) for index in missing]
+        for job in track(jobs, f"study {name}", unit="values", done=done):
+            job.result()
 
 
 def _shards_of(study: Any) -> str:

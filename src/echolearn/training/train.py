@@ -79,9 +79,7 @@ def train(
         BadValue: an argument out of range, a column that the set lacks, a part without both labels,
             a full disk.
     """
-    check_name("name", name)
-    allowed = "must be 0 (no cross-validation) or from 2 to 20"
-    check(folds in (0, *range(2, 21)), "folds", folds, allowed=allowed)
+    _check(name, folds)
     about = {"format": FORMAT, "name": name, "classifier": dict(config), "folds": folds}
     identity = about | {"problem": problem.identity()}
     title = f"{name}-{problem.dataset.name}-s{problem.seed}"
@@ -96,12 +94,24 @@ def train(
     problem.parts()
     from echolearn.training.tensorboard import writable
 
-    told = manifests.command_entry(command)
-    if microphones is not None:
-        told |= {"microphones": np.asarray(microphones).tolist()}
+    told = _told(command, microphones)
     make = partial(make_run, problem, classifier, identity=identity, folder=folder, told=told)
     with writable(folder):
         return once(folder, finished=finished, make=make, doing="trains this run")
+
+
+def _check(name: str, folds: int) -> None:
+    check_name("name", name)
+    allowed = "must be 0 (no cross-validation) or from 2 to 20"
+    check(folds in (0, *range(2, 21)), "folds", folds, allowed=allowed)
+
+
+def _told(command: str | None, microphones: Array | None) -> dict[str, Any]:
+    """Return what a run's metrics say besides: its command, the array's positions, if known."""
+    told: dict[str, Any] = {**manifests.command_entry(command)}
+    if microphones is not None:
+        told["microphones"] = np.asarray(microphones).tolist()
+    return told
 
 
 def finished_metrics(folder: Path, identity: Mapping[str, Any]) -> Metrics | None:

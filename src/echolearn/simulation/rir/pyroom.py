@@ -101,22 +101,20 @@ class Pyroom:
         Raises:
             BadValue: a point outside the room, or a sample rate that pyroomacoustics cannot use.
         """
-        allowed = "must be images where the room is no box"
         if not isinstance(room, Room):
-            raise BadValue(f"rir=pyroom: {allowed}")
+            raise BadValue("rir=pyroom: must be images where the room is no box")
         check_placement(
             room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
         )
         whole = float(sample_rate).is_integer()
         allowed = "must be a whole number for pyroomacoustics"
         check(whole, "sample_rate", f"{sample_rate} Hz", allowed=allowed)
-        order = self.order(room, speed_of_sound)
         absorption = 1.0 - room.reflection(speed_of_sound) ** 2
         materials = dict(zip(WALLS, map(pyroomacoustics.Material, absorption), strict=True))
         with constants({**CONSTANTS, "c": speed_of_sound}):
-            shoebox = pyroomacoustics.ShoeBox(
-                room.size, fs=int(sample_rate), materials=materials, max_order=order
-            )
+            order = self.order(room, speed_of_sound)
+            about = {"fs": int(sample_rate), "materials": materials, "max_order": order}
+            shoebox = pyroomacoustics.ShoeBox(room.size, **about)
             shoebox.set_sound_speed(speed_of_sound)
             shoebox.add_source(np.array(source, dtype=float))
             shoebox.add_microphone_array(np.array(microphones, dtype=float).T)
