@@ -177,6 +177,16 @@ REFUSED: dict[str, tuple[bool, Change, str]] = {
         dropped(1024, 1300, slice(None)),
         "lost within the direct path=parts of the burst in all 8 recordings",
     ),
+    "a recording copied": (
+        False,
+        lambda x: x[[0, 1, 2, 3, 4, 2, 6, 7]],
+        r"equal samples at all 6 microphones=recordings 2, 5 .observations/2.wav, observations/5.w",
+    ),
+    "a channel copied": (
+        True,
+        lambda x: np.where(np.eye(8, 6, -3, dtype=bool)[..., None], x[6, 0], x),
+        "equal samples at microphone 1=recordings 3, 6 .observations/3.wav, observations/6.wav.: m",
+    ),
     "dead": (
         False,
         at(3, lambda x: 0 * x),

@@ -43,6 +43,9 @@ sweeps over all options.
 
 OPTIONS = ("-m", "-j", "--cfg", "--help", "--traceback")
 
+ALONE = ("generate", "check", "map")
+"""Commands that compute with one thread."""
+
 Job = tuple[str, dict[str, Any]]
 
 
@@ -99,8 +102,9 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
         from echolearn.runtime.processes import single_threads
 
         # The workers of `generate` compute with one thread each. If numpy, which now loads, begins
-        # no threads here either, this process can fork them, which saves each its imports.
-        with single_threads() if command == "generate" else nullcontext():
+        # no threads here either, this process can fork them, which saves each its imports. Those of
+        # `check` and `map` would wait for one another: their matrices are small.
+        with single_threads() if command in ALONE else nullcontext():
             run(command, rest, trace=trace)
 
 

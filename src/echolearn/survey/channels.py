@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from echolearn.acoustics.types import Array
+from echolearn.survey import copies, naming
 from echolearn.survey import levels as level_rules
-from echolearn.survey import naming
 from echolearn.survey.arrivals import SEEN
 from echolearn.survey.exchange import exchanged
 from echolearn.survey.measuring import Walk
@@ -81,6 +81,8 @@ def judge_channels(walk: Walk) -> Verdicts:
         if not found.refused and (turned(walk.direct, walk.echo.sign) > 0).all():
             _swapped(walk, found)
         _soft(walk, found)
+    # A dead channel and a loopback are alike everywhere.
+    found.refused += copies.told(walk.survey, np.where(found.alive, walk.marks, 0))
     return found
 
 

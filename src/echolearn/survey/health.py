@@ -196,7 +196,7 @@ def _mending(walk: Walk, zero: TimeZero, *, used: Array, calibration: float) -> 
         calibration=calibration,
         sign=np.where(used, turned(walk.direct, walk.echo.sign), 1.0),
         offset=levels.steady(walk.levels) & used,
-        tones=walk.tones,
+        tones=levels.humming(walk.tones, walk.levels),
     )
 
 

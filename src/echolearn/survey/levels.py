@@ -119,6 +119,20 @@ def steady(levels: Levels) -> Array:
     return same
 
 
+def humming(tones: tuple[tuple[float, ...], ...], levels: Levels) -> tuple[tuple[float, ...], ...]:
+    """Return the tones of the mains in each recording, those of a passing motor left out.
+
+    Args:
+        tones: that stand out in each recording, in cycles per sample.
+        levels: of every recording, fields (P, ...).
+    """
+    # The mains hum everywhere; what is louder than all else is subtracted in any case.
+    if 2 * sum(map(bool, tones)) >= len(tones):
+        return tones
+    loud = np.asarray(levels.hum).max(axis=1) > 1.0
+    return tuple(each if much else () for each, much in zip(tones, loud, strict=True))
+
+
 def mains(samples: Array, sample_rate: float) -> tuple[float, ...]:
     """Return the tones of the mains that stand out, in cycles per sample.
 
@@ -184,6 +198,8 @@ def clipping(samples: Array, burst: int) -> Array:
     for m, rails in enumerate((samples <= low) | (samples >= high)):
         places = np.flatnonzero(rails)
         most[m] = (np.searchsorted(places, places + burst) - np.arange(len(places))).max()
+    # The largest and the smallest sample are nobody's rails.
+    most = np.maximum(most - 2, 0)
     # A channel that never changes is dead, not clipped.
     return np.where(high[:, 0] > low[:, 0], most / burst, 0.0)
 

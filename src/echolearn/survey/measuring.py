@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.survey import echoes, levels, time_zero
+from echolearn.survey import copies, echoes, levels, time_zero
 from echolearn.survey.arrivals import arrivals
 from echolearn.survey.echoes import Echo
 from echolearn.survey.levels import Levels
@@ -29,6 +29,7 @@ class Walk(NamedTuple):
         level: mean square of each channel in the probe's band, shape (P, M).
         noise: that of the quietest stretch, of all microphones together, shape (P,).
         tones: frequencies of the mains in each recording, in cycles per sample.
+        marks: a number that only equal samples share, of each channel, shape (P, M).
     """
 
     survey: Survey
@@ -39,6 +40,7 @@ class Walk(NamedTuple):
     level: Array
     noise: Array
     tones: tuple[tuple[float, ...], ...]
+    marks: Array
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -60,7 +62,7 @@ def measure_walk(survey: Survey) -> Walk:
     """Return what is measured of every recording of a survey."""
     rows = [_measure(survey, pose) for pose in range(len(survey.poses))]
     kinds = zip(*rows, strict=True)
-    about, direct, shape, echo, level, noise = kinds
+    about, direct, shape, echo, level, noise, marks = kinds
     tones = tuple(each.tones for each in about)
     return Walk(
         survey=survey,
@@ -72,14 +74,17 @@ def measure_walk(survey: Survey) -> Walk:
         level=np.array(level),
         noise=np.array(noise),
         tones=tones,
+        marks=np.array(marks),
     )
 
 
-def _measure(survey: Survey, pose: int) -> tuple[Levels, Direct, Shape, Echo, Array, float]:
+def _measure(survey: Survey, pose: int) -> tuple[Levels, Direct, Shape, Echo, Array, float, Array]:
     """Measure one recording."""
     probe = survey.probe
     lags = time_zero.expected(survey.around(pose), probe, survey.speed_of_sound)
-    about, samples = levels.measure_levels(survey.recording(pose), probe)
+    recorded = survey.recording(pose)
+    marks = copies.marks_of(recorded)
+    about, samples = levels.measure_levels(recorded, probe)
     found = arrivals(samples, probe)
     direct = (
         time_zero.direct_path_of(found, lags) if survey.direct else time_zero.unknown(len(lags))
@@ -97,7 +102,7 @@ def _measure(survey: Survey, pose: int) -> tuple[Levels, Direct, Shape, Echo, Ar
     whole = max(probe.length - len(probe.samples), probe.length // 2)
     stretches = [each.mean() for each in np.array_split(square[survey.used, :whole], SEGMENTS, -1)]
     shape = shape_of(samples, probe, direct=direct, lags=lags)
-    return about, direct, shape, echo, square[:, :whole].mean(axis=-1), float(min(stretches))
+    return about, direct, shape, echo, square[:, :whole].mean(axis=-1), float(min(stretches)), marks
 
 
 def _stacked(rows: Sequence[Row]) -> Row:
