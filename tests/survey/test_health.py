@@ -177,6 +177,11 @@ REFUSED: dict[str, tuple[bool, Change, str]] = {
         dropped(1024, 1300, slice(None)),
         "lost within the direct path=parts of the burst in all 8 recordings",
     ),
+    "overflowed": (
+        True,
+        lambda x: (1.3 / np.abs(x).max() * x + 1) % 2 - 1,
+        "overflowed=.* samples at .* in .*recordings.*: must stay within the range",
+    ),
     "a recording copied": (
         False,
         lambda x: x[[0, 1, 2, 3, 4, 2, 6, 7]],

@@ -72,6 +72,7 @@ def judge_channels(walk: Walk) -> Verdicts:
     dead = _dead(walk, found)
     found.alive = walk.used & ~dead.any(axis=0)
     _clipped(walk, found, dead=dead)
+    _overflowed(walk, found)
     _lost(walk, found)
     found.refused += judge_shape(walk.shape, walk.survey.probe.samples, numbers=walk.numbers)
     if found.alive.sum() > 1:
@@ -130,6 +131,17 @@ def _clipped(walk: Walk, found: Verdicts, *, dead: Array) -> None:
             f"most {100 * level_rules.CLIPPED:g} %; record with less gain"
         )
         found.refuse(clipped.any(axis=0), "clipped", line)
+
+
+def _overflowed(walk: Walk, found: Verdicts) -> None:
+    """Refuse channels whose samples came out at the other end of the range."""
+    wrapped = np.where(walk.used, walk.wrapped, 0)
+    if wrapped.sum() >= level_rules.OVERFLOWED:
+        line = (
+            f"overflowed={wrapped.max()} samples at {_where(walk, wrapped > 0)}: must stay within "
+            "the range, beyond which they come out at its other end; record with less gain"
+        )
+        found.refuse((wrapped > 0).any(axis=0), "overflowed", line)
 
 
 def _lost(walk: Walk, found: Verdicts) -> None:

@@ -45,6 +45,9 @@ HUM = 0.05
 CLIPPED = 0.01
 """Share of the samples of a burst at the rails from which a channel counts as clipped."""
 
+OVERFLOWED = 2
+"""Samples of a walk that came out at the other end of the range."""
+
 LOST = 32
 """Samples in a row that are exactly zero, or exactly as before, which no sound is."""
 

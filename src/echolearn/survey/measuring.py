@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.survey import copies, echoes, levels, time_zero
+from echolearn.survey import copies, echoes, levels, overflow, time_zero
 from echolearn.survey.arrivals import arrivals
 from echolearn.survey.echoes import Echo
 from echolearn.survey.levels import Levels
@@ -29,6 +29,7 @@ class Walk(NamedTuple):
         level: mean square of each channel in the probe's band, shape (P, M).
         noise: that of the quietest stretch, of all microphones together, shape (P,).
         tones: frequencies of the mains in each recording, in cycles per sample.
+        wrapped: samples of each channel that overflowed, shape (P, M).
         marks: a number that only equal samples share, of each channel, shape (P, M).
     """
 
@@ -40,6 +41,7 @@ class Walk(NamedTuple):
     level: Array
     noise: Array
     tones: tuple[tuple[float, ...], ...]
+    wrapped: Array
     marks: Array
 
     @property
@@ -62,7 +64,7 @@ def measure_walk(survey: Survey) -> Walk:
     """Return what is measured of every recording of a survey."""
     rows = [_measure(survey, pose) for pose in range(len(survey.poses))]
     kinds = zip(*rows, strict=True)
-    about, direct, shape, echo, level, noise, marks = kinds
+    about, direct, shape, echo, level, noise, wrapped, marks = kinds
     tones = tuple(each.tones for each in about)
     return Walk(
         survey=survey,
@@ -74,11 +76,14 @@ def measure_walk(survey: Survey) -> Walk:
         level=np.array(level),
         noise=np.array(noise),
         tones=tones,
+        wrapped=np.array(wrapped),
         marks=np.array(marks),
     )
 
 
-def _measure(survey: Survey, pose: int) -> tuple[Levels, Direct, Shape, Echo, Array, float, Array]:
+def _measure(
+    survey: Survey, pose: int
+) -> tuple[Levels, Direct, Shape, Echo, Array, float, Array, Array]:
     """Measure one recording."""
     probe = survey.probe
     lags = time_zero.expected(survey.around(pose), probe, survey.speed_of_sound)
@@ -86,6 +91,10 @@ def _measure(survey: Survey, pose: int) -> tuple[Levels, Direct, Shape, Echo, Ar
     marks = copies.marks_of(recorded)
     about, samples = levels.measure_levels(recorded, probe)
     found = arrivals(samples, probe)
+    # A factor that a channel was given moves the ends of its range.
+    factors = np.ones(len(recorded)) if survey.gains is None else survey.gains
+    unit = np.where(factors, factors, np.inf)[:, None]
+    over = overflow.wrapped(recorded / unit, found)
     direct = (
         time_zero.direct_path_of(found, lags) if survey.direct else time_zero.unknown(len(lags))
     )
@@ -102,7 +111,16 @@ def _measure(survey: Survey, pose: int) -> tuple[Levels, Direct, Shape, Echo, Ar
     whole = max(probe.length - len(probe.samples), probe.length // 2)
     stretches = [each.mean() for each in np.array_split(square[survey.used, :whole], SEGMENTS, -1)]
     shape = shape_of(samples, probe, direct=direct, lags=lags)
-    return about, direct, shape, echo, square[:, :whole].mean(axis=-1), float(min(stretches)), marks
+    return (
+        about,
+        direct,
+        shape,
+        echo,
+        square[:, :whole].mean(axis=-1),
+        float(min(stretches)),
+        over,
+        marks,
+    )
 
 
 def _stacked(rows: Sequence[Row]) -> Row:
