@@ -15,8 +15,10 @@ from echolearn.acoustics.sides import twice_area
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.simulation.beams import plan_images
 from echolearn.simulation.rir.images import Images
+from echolearn.simulation.rir.pyroom import Pyroom
 from echolearn.simulation.rir.torch_images import TorchImages
 from reference import RATE, SPEED
+from refusals import refused
 
 L = ((0.0, 0.0), (7.0, 0.0), (7.0, 3.0), (4.0, 3.0), (4.0, 6.5), (0.0, 6.5))
 FIVE = ((0.0, 0.0), (6.0, 0.5), (7.0, 4.0), (3.0, 6.0), (-0.5, 3.5))
@@ -123,6 +125,16 @@ def test_a_box_drawn_as_a_polygon_sounds_like_a_box(
     found = Images()(drawn, np.array(place) + shift, microphones + shift, **about)
     error = np.sum((found - expected) ** 2) / np.sum(expected**2)
     assert found.shape == expected.shape and 10 * np.log10(error) < -100.0
+
+
+def test_what_an_engine_cannot_do_is_refused() -> None:
+    about = {"sample_rate": RATE, "speed_of_sound": SPEED}
+    with refused("rir=pyroom: must be images or torch where the room is no box"):
+        Pyroom()(ROOMS["an L"], SOURCE, MICROPHONES, **about)
+    with refused("microphones=[3.4, 5.9, 1.1] m: must be inside the 5-cornered 32 m^2 x 3 m room"):
+        Images()(ROOMS["five corners"], SOURCE, MICROPHONES + [0.0, 3.0, 0.0], **about)
+    with refused("source=0 m from a wall: must be more than 0.001 m away from it"):
+        Images()(ROOMS["an L"], np.array([2.0, 0.0, 1.0]), MICROPHONES, **about)
 
 
 def test_torch_sums_the_same_images() -> None:

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from echolearn.acoustics.polygon_room import PolygonRoom
 from echolearn.acoustics.rooms import true_echoes
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Room
@@ -19,6 +20,7 @@ from echolearn.studies.study import Study
 EXPERIMENTS = sorted(path.stem for path in (config.folder() / "experiment").glob("*.yaml"))
 ON_MAP = METRICS.index("on_map")
 HALL = Room((8.0, 6.0, 5.0), 0.6)
+TRIANGLE = PolygonRoom(((0.0, 0.0), (9.0, 0.0), (4.0, 8.0)), 5.0, 0.4)
 
 
 @pytest.fixture
@@ -142,6 +144,7 @@ def test_every_experiment_can_be_built(name):
             {"places": "walk", "room": HALL, "positions": 900, "trials": 900},
             "^positions=900: must be at most",
         ),
+        ({"room": TRIANGLE}, "^places=corners: must be walk where the room is no box"),
     ],
 )
 def test_bad_input_is_refused(small, change, message):

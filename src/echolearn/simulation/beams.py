@@ -7,9 +7,11 @@ Walls are upright, so an image is one of the plan times one of floor and ceiling
 On the plan beams are followed from the source: what they meet of a side sends back a beam of its
 own, from the mirror image. A beam is split wherever what it meets changes, so an image is found for
 just the places that hear it, order by order, until its sound comes after the end or is too faint.
-Beams depend on the source alone; all microphones share them. Their number grows like that of
-images, by the square of the reach, and not like the sequences of sides, which grow as a power of
-the order. What meets a door leaves the room. Corners send nothing back: there is no diffraction.
+Beams depend on the source alone; all microphones share them. A beam is split once for each corner
+that it meets, so those of one order grow with the square of the order, and all of them with the
+cube of the reach, where sequences of sides would grow as a power. Time grows with the square of the
+number of corners, too. What meets a door leaves the room. Corners send nothing back: there is no
+diffraction.
 
 Whoever treats orders differently takes `plan_images` order by order: the order of an image is that
 of its plan and the |k| of its cell between floor and ceiling (`axis_images`) together. 0 is the

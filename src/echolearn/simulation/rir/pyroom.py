@@ -102,7 +102,7 @@ class Pyroom:
             BadValue: a point outside the room, or a sample rate that pyroomacoustics cannot use.
         """
         if not isinstance(room, Room):
-            raise BadValue("rir=pyroom: must be images where the room is no box")
+            raise BadValue("rir=pyroom: must be images or torch where the room is no box")
         check_placement(
             room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
         )
