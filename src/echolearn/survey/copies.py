@@ -5,7 +5,6 @@ another pose. At the same pose a simulation without noise hears the same again.
 """
 
 from collections import defaultdict
-from hashlib import blake2b
 
 import numpy as np
 
@@ -15,12 +14,6 @@ from echolearn.survey.survey import Survey
 
 SAME = 1e-3
 """m and rad within which poses are one."""
-
-
-def marks_of(samples: Array) -> Array:
-    """Return a number that only equal samples share, of each channel of (M, N), shape (M,)."""
-    digests = [blake2b(each.tobytes(), digest_size=8).digest() for each in samples]
-    return np.frombuffer(b"".join(digests), np.uint64)
 
 
 def told(survey: Survey, marks: Array) -> list[str]:

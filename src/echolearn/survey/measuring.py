@@ -1,12 +1,13 @@
 """What is measured of each recording by itself, and of all of them side by side: a `Walk`."""
 
 from collections.abc import Sequence
+from hashlib import blake2b
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.survey import copies, echoes, levels, overflow, time_zero
+from echolearn.survey import echoes, levels, overflow, time_zero
 from echolearn.survey.arrivals import arrivals
 from echolearn.survey.echoes import Echo
 from echolearn.survey.levels import Levels
@@ -88,7 +89,7 @@ def _measure(
     probe = survey.probe
     lags = time_zero.expected(survey.around(pose), probe, survey.speed_of_sound)
     recorded = survey.recording(pose)
-    marks = copies.marks_of(recorded)
+    marks = marks_of(recorded)
     about, samples = levels.measure_levels(recorded, probe)
     found = arrivals(samples, probe)
     # A factor that a channel was given moves the ends of its range.
@@ -134,3 +135,9 @@ def decibels(power: Array, *, floor: float = 1e-30) -> Array:
     with np.errstate(divide="ignore"):
         found: Array = 10 * np.log10(np.maximum(power, floor))
     return found
+
+
+def marks_of(samples: Array) -> Array:
+    """Return a number that only equal samples share, of each channel of (M, N), shape (M,)."""
+    digests = [blake2b(each.tobytes(), digest_size=8).digest() for each in samples]
+    return np.frombuffer(b"".join(digests), np.uint64)

@@ -16,7 +16,7 @@ from echolearn.localization.columns import COLUMNS, TENSORS
 from echolearn.storage import manifests
 from echolearn.storage.identity import digest
 from echolearn.storage.tables import check_plain
-from echolearn.training.split import FIELDS
+from echolearn.training.fields import FIELDS
 
 FORMAT = 4
 """Version of the run folder; part of every digest."""

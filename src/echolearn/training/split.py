@@ -14,21 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check, check_number, check_whole
+from echolearn.checks import check, check_number
 from echolearn.classifiers.inputs import COVARIANCE, Rows, rows_of, stack_inputs, view_of
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.storage.tables import check_plain
-
-SHARE = partial(check_number, low=0.01, high=0.9)
-FIELDS = {
-    "dataset": ...,
-    "target": ("reflector", "on_map", "time_and_direction"),
-    "seed": partial(check_whole, low=0, high=2**31 - 1),
-    "split": ("position", "row"),
-    "test_share": SHARE,
-    "validation_share": SHARE,
-}
-"""What may stand in the fields of a `LearningProblem`."""
+from echolearn.training.fields import FIELDS
 
 
 class Parts(NamedTuple):
