@@ -180,9 +180,9 @@ MISTAKES = """
 1 | export best=runs/compare/paper | there is no such folder; make paper makes runs/compare/paper
 1 | survey runs=/dev/null | cannot be written (Not a directory); is the folder the right one?
 1 | generate runs=/dev/null plan=tiny | (Not a directory); is the folder the right one?
-1 | study scene/probe=mls | bursts=each: must be one, that of scene/probe; each position would draw a burst
+1 | study scene/probe=mls | bursts=each: must be one, that of scene/probe; each position would draw
 1 | survey scene/probe=file | probe.path=None: must be a WAV file; scene.probe.path=
-1 | survey scene/probe=sweep scene.probe.seconds=2 | probe.length=20000 samples: must be a whole number
+1 | survey scene/probe=sweep scene.probe.seconds=2 | probe.length=20000 samples: must be a whole
 """
 
 
