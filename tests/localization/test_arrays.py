@@ -162,3 +162,30 @@ def test_under_a_low_ceiling_the_strongest_echo_of_a_wall_is_sought(name: str) -
 def test_what_takes_directions_from_the_whole_recording_cannot_tell_the_ceiling(name: str) -> None:
     with refused("localizer.echoes=auto: must be a whole number; gated, joint and em tell floor"):
         localizer(name, echoes="auto")
+
+
+def anywhere(count: int) -> Array:
+    """Return directions of the whole sphere, at least 10 degrees off the level plane."""
+    rng = np.random.default_rng(1)
+    height = rng.uniform(np.sin(np.radians(10.0)), 1.0, count) * rng.choice([-1.0, 1.0], count)
+    return direction(rng.uniform(-np.pi, np.pi, count), np.arccos(height))
+
+
+@pytest.mark.parametrize("scene", ["octahedron", "tetrahedron", "ring"])
+def test_elevations_are_found_as_far_as_the_array_tells_them(scene: str) -> None:
+    """Within 5 degrees on the whole sphere, of a ring but for the sign, and never below it."""
+    array = array_of(scene)
+    normals = anywhere(10)
+    for name in ("joint", "em"):
+        echoes = localizer(name, elevations=18)(recorded(array, normals, 1.4))
+        assert missed(echoes, array, normals, 1.4).max() < 5.0
+        below = (echoes.elevation > LEVEL).any()
+        assert below == arrays.tells_up(array)
+    found = localizer("snls", elevations=18)(recorded(array, normals, 1.4))
+    assert np.median(missed(found, array, normals, 1.4)) < 8.0
+    assert (found.elevation > LEVEL + 1e-9).any() == arrays.tells_up(array)
+
+
+def test_too_fine_a_grid_of_elevations_is_refused() -> None:
+    with refused("localizer.azimuths=180: azimuths * elevations must be at most 7200"):
+        localizer("joint", elevations=41)

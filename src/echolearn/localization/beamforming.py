@@ -29,13 +29,21 @@ def azimuth_grid(azimuths: int) -> Array:
     return -np.pi + 2 * np.pi * np.arange(azimuths) / azimuths
 
 
-def direction_grid(azimuths: int, elevations: int = 1) -> tuple[Array, Array]:
+def direction_grid(
+    azimuths: int, elevations: int = 1, *, below: bool = False
+) -> tuple[Array, Array]:
     """Return azimuths and elevations of a grid, each of shape (A,), in rad.
 
     A planar array cannot tell up from down, so elevations run over (0, pi/2]; one elevation is the
     array's plane.
+
+    Args:
+        azimuths, elevations: sizes of the grid.
+        below: whether several elevations run over (0, pi), for arrays that tell up from down.
     """
     elevation = np.pi / 2 * np.arange(elevations, 0, -1) / elevations
+    if below and elevations > 1:
+        elevation = np.pi * (np.arange(elevations) + 0.5) / elevations
     azimuth, elevation = np.meshgrid(azimuth_grid(azimuths), elevation)
     return azimuth.ravel(), elevation.ravel()
 
@@ -105,7 +113,13 @@ def invert(hermitian: Array) -> Array:
 
 @lru_cache(maxsize=4)
 def steering_weights(
-    array: MicArray, *, azimuths: int, elevations: int, sample_rate: float, speed_of_sound: float
+    array: MicArray,
+    *,
+    azimuths: int,
+    elevations: int,
+    sample_rate: float,
+    speed_of_sound: float,
+    below: bool = False,
 ) -> Array:
     """Return packed steering of a grid for the bins of an STFT, shape (F, M*M, A), float32, cached.
 
@@ -114,9 +128,10 @@ def steering_weights(
         azimuths, elevations: sizes of `direction_grid`.
         sample_rate: in Hz.
         speed_of_sound: in m/s.
+        below: as for `direction_grid`.
     """
     frequencies = np.fft.rfftfreq(signals.STFT_FRAME, 1.0 / sample_rate)
-    toward = direction(*direction_grid(azimuths, elevations))
+    toward = direction(*direction_grid(azimuths, elevations, below=below))
     delays = far_field_delays(array, toward, speed_of_sound=speed_of_sound)
     vectors = np.exp(-2j * np.pi * frequencies[:, None, None] * delays)
     return np.ascontiguousarray(np.moveaxis(pack_steering(vectors), -1, -2), dtype=np.float32)
@@ -140,16 +155,18 @@ class Mpdr:
     Attributes:
         azimuths, elevations: sizes of `direction_grid`.
         gamma: regularisation of Eq. 18.
+        below: as for `direction_grid`.
     """
 
     azimuths: int = 180
     elevations: int = 1
     gamma: float = 0.1
+    below: bool = False
 
     @property
     def directions(self) -> tuple[Array, Array]:
         """Azimuths and elevations, each of shape (A,), in rad."""
-        return direction_grid(self.azimuths, self.elevations)
+        return direction_grid(self.azimuths, self.elevations, below=self.below)
 
     def __call__(self, observation: Observation, covariances: Array | None = None) -> Array:
         """Return the power over directions (Eq. 16), shape (B, A), float32.
@@ -166,6 +183,7 @@ class Mpdr:
             elevations=self.elevations,
             sample_rate=observation.probe.sample_rate,
             speed_of_sound=observation.speed_of_sound,
+            below=self.below,
         )
         return mpdr_power(covariances, weights, gamma=self.gamma)
 

@@ -20,6 +20,9 @@ from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import relax
 from echolearn.localization.search import Peak, Search, reference_search
 
+LOWEST_SINE = 0.5
+"""Sine of the elevation above which an echo counts as a wall's: 30 degrees off the axis."""
+
 SOUGHT = 5
 """Echoes that are sought where the strongest comes from floor or ceiling."""
 
@@ -43,7 +46,9 @@ def joint_echoes(search: Search, peaks: Sequence[Peak]) -> Echoes:
         rows.append([*peak, np.clip(score, -1.0, 1.0)])
     lag, azimuth, elevation, gain, height, score = _strongest_first(np.stack(rows, axis=-1))
     found = Echoes(matched.toa(lag), score, gain, azimuth, elevation, height**2)
-    return from_upright_walls(matched, found, level=on_no_axis(found))
+    # An elevation that was sought is left as it was found.
+    level = on_no_axis(found) & (search.elevations == 1)
+    return from_upright_walls(matched, found, level=level)
 
 
 def of_walls(localizer: Any, observation: Observation, view: MatchedFilter | None) -> Echoes:
@@ -72,7 +77,7 @@ def of_walls(localizer: Any, observation: Observation, view: MatchedFilter | Non
 
 def on_no_axis(echoes: Echoes) -> Array:
     """Tell which echoes come from walls rather than floor or ceiling, shape (B, R), bool."""
-    return (echoes.elevation > 0.0) & (echoes.elevation < np.pi)
+    return np.asarray(np.sin(echoes.elevation) > LOWEST_SINE)
 
 
 def from_upright_walls(matched: MatchedFilter, echoes: Echoes, *, level: Array) -> Echoes:

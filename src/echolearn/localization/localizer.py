@@ -16,6 +16,9 @@ from echolearn.localization.matched_filter import MatchedFilter, check_echoes
 from echolearn.localization.silence import warn_of_silent
 from echolearn.localization.whitening import whitened
 
+MOST_DIRECTIONS = 7200
+"""Largest grid: its steering weights take 36 * 442 * 4 bytes a direction for 6 microphones."""
+
 AUTO = "auto"
 """Value of `echoes` by which one echo is returned: the strongest that comes from a wall."""
 
@@ -90,6 +93,17 @@ def check_arguments(localizer: Localizer, *ways: str, tells_floor: bool = False)
         localizer.whiten,
         allowed=f"must be {', '.join(['true', 'false', *ways])}",
         hint="" if ways else "spatial is for localizer=joint",
+    )
+
+
+def check_directions(azimuths: int, elevations: int) -> None:
+    """Raise `BadValue` for a grid of more than `MOST_DIRECTIONS`."""
+    check(
+        azimuths * elevations <= MOST_DIRECTIONS,
+        "localizer.azimuths",
+        azimuths,
+        allowed=f"azimuths * elevations must be at most {MOST_DIRECTIONS}",
+        hint="memory would end",
     )
 
 

@@ -22,8 +22,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy import fft
 
+from echolearn.acoustics.arrays import tells_up
 from echolearn.acoustics.geometry import direction, relative_delays
 from echolearn.acoustics.types import Array, MicArray
+from echolearn.localization.beamforming import direction_grid
 from echolearn.localization.correlations import PAD, derivatives, echo_model, steered_response
 from echolearn.localization.matched_filter import MatchedFilter, check_extent
 from echolearn.localization.spatial import Spatial
@@ -77,6 +79,7 @@ class Search:
             samples and take a side lobe.
         spatial: noise that microphones share; then the correlations are weighted by it, weights 1,
             and J / sqrt(E) is searched.
+        elevations: size of the grid of elevations, 1 for the level plane and its axis.
     """
 
     view: MatchedFilter
@@ -86,6 +89,7 @@ class Search:
     refine: bool
     finer: int
     spatial: Spatial | None = None
+    elevations: int = 1
 
     @property
     def padded(self) -> Array:
@@ -112,6 +116,7 @@ class Search:
         place = (point / self.finer, azimuth, elevation)
         if self.refine:
             place = self.climb(weighted, place)
+            place = place if self.elevations == 1 else self.tilt(weighted, place)
 
         # The grid's J is in single precision; the estimate's is not.
         height = self.read(weighted, place).sum(axis=-1)
@@ -132,7 +137,8 @@ class Search:
     def is_plain(self) -> bool:
         """Whether J on the grid is the plain sum over all microphones, a point per lag."""
         whole = len(self.array) == len(self.view.observation.array)
-        return whole and self.finer == 1 and bool((self.weights == 1.0).all())
+        usual = whole and self.finer == self.elevations == 1
+        return usual and bool((self.weights == 1.0).all())
 
     def only(self, rows: Array) -> "Search":
         """Return the search of some of the observations."""
@@ -191,10 +197,37 @@ class Search:
         lag, azimuth = np.where(after > before, here, start)
         return lag, np.angle(np.exp(1j * azimuth)), elevation
 
+    def tilt(self, weighted: Array, place: Place) -> Place:
+        """Return the summits next to places, in elevation too, by parabolas through J.
+
+        Args:
+            weighted: correlations, shape (B, M, L + 2 PAD).
+            place: each (B,).
+        """
+        read = partial(derivatives, fft.rfft(weighted), size=weighted.shape[-1])
+        top = np.pi if tells_up(self.array) else np.pi / 2
+        for width in (top / self.elevations / 2, top / self.elevations / 8):
+            lag, azimuth, elevation = place
+            below, here, above = (
+                self._height(read, (lag, azimuth, elevation + turn))
+                for turn in (-width, 0.0, width)
+            )
+            bend = 2 * (below - 2 * here + above)
+            concave = bend < 0
+            move = np.where(concave, (below - above) / np.where(concave, bend, 1.0), 0.0)
+            move = width * np.clip(move, -1.0, 1.0)
+            moved = self.climb(weighted, (lag, azimuth, np.clip(elevation + move, 0.0, top)))
+            # A step from where J is nearly flat may end anywhere.
+            higher = self._height(read, moved) > here
+            pairs = zip(moved, place, strict=True)
+            lag, azimuth, elevation = (np.where(higher, new, old) for new, old in pairs)
+            place = (lag, azimuth, elevation)
+        return place
+
     @property
     def turn(self) -> float:
         """How far a climb may turn: a cell of the grid, of a small array as far as a lag does."""
-        cell = 2 * np.pi / max(len(self.directions[0]) - 1, 1)
+        cell = 2 * np.pi / (self.view.azimuths if len(self.directions[0]) > 1 else 1)
         reach = self.array.reach * self.view.scale
         # Half a lag beside the true one, its best direction may be several cells beside, too.
         return max(cell, 1.0 / reach) if 0 < reach < SMALL else cell
@@ -242,6 +275,7 @@ def joint_search(
     weights: Array | None = None,
     refine: bool = True,
     spatial: Spatial | None = None,
+    elevations: int = 1,
 ) -> Search:
     """Return the search of J over all microphones.
 
@@ -250,13 +284,20 @@ def joint_search(
         weights: of the microphones, shape (B, M); 1, and 0 for silent ones, unless given.
         refine: climb between the points of the grid.
         spatial: noise that microphones share, which has weighted the recordings.
+        elevations: size of the grid of elevations, 1 for the level plane and its axis.
     """
     check_extent(matched)
     if weights is None:
         weights = (~matched.silent).astype(float)
     array = matched.observation.array
     finer = FINER_JOINT if matched.white or array.reach * matched.scale < SMALL else 1
-    return Search(matched, array, matched.directions, weights, refine, finer, spatial)
+    directions = matched.directions
+    if elevations > 1:
+        # The poles besides, which the plane's directions already have.
+        axis = directions[1][matched.azimuths :]
+        grid = direction_grid(matched.azimuths, elevations, below=tells_up(array))
+        directions = (np.append(grid[0], np.zeros(len(axis))), np.append(grid[1], axis))
+    return Search(matched, array, directions, weights, refine, finer, spatial, elevations)
 
 
 def reference_search(matched: MatchedFilter, *, refine: bool = True) -> Search:

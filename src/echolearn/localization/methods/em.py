@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.localization.estimates import joint_echoes, of_walls
-from echolearn.localization.localizer import check_arguments, prepare
+from echolearn.localization.localizer import check_arguments, check_directions, prepare
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import expect_maximize, relax
 from echolearn.localization.search import joint_search
@@ -36,6 +36,8 @@ class Em:
         refine: whether to look between the samples and the grid's directions.
         whiten: whether to divide by the square root of the observation's `noise_psd` first.
         sign: of the echoes, positive or either (the largest |r|).
+        elevations: size of the elevation grid, over (0, pi/2], or (0, pi) where the array tells up
+            from down; 1 is the level plane and its axis.
     """
 
     window: SearchWindow = SearchWindow()
@@ -46,9 +48,11 @@ class Em:
     refine: bool = True
     whiten: bool = False
     sign: str = field(default="positive", metadata=LATER)
+    elevations: int = field(default=1, metadata=LATER)
 
     def __post_init__(self) -> None:
         check_arguments(self, tells_floor=True)
+        check_directions(self.azimuths, self.elevations)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
@@ -57,7 +61,9 @@ class Em:
         matched = prepare(self, observation, view=view, whole=False, reference=False)
         # One over the noise power makes the sum of correlations the likelihood.
         weights = noise_weights(matched.observation, matched.silent) if self.weigh else None
-        search = joint_search(matched, weights=weights, refine=self.refine)
+        search = joint_search(
+            matched, weights=weights, refine=self.refine, elevations=self.elevations
+        )
         peaks = relax(search, self.echoes)
         if self.echoes > 1:
             peaks = expect_maximize(search, peaks, iterations=self.iterations)

@@ -17,7 +17,7 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.localization.correlations import PAD
 from echolearn.localization.estimates import joint_echoes, of_walls
-from echolearn.localization.localizer import check_arguments, prepare, returned
+from echolearn.localization.localizer import check_arguments, check_directions, prepare, returned
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import relax
 from echolearn.localization.search import Search, joint_search
@@ -39,6 +39,8 @@ class Joint:
         whiten: whether to divide by the square root of the observation's `noise_psd` first;
             "spatial" also weighs microphones together by its `noise_covariance`.
         sign: of the echoes, positive or either (the largest |r|).
+        elevations: size of the elevation grid, over (0, pi/2], or (0, pi) where the array tells up
+            from down; 1 is the level plane and its axis.
     """
 
     window: SearchWindow = SearchWindow()
@@ -47,9 +49,11 @@ class Joint:
     refine: bool = True
     whiten: bool | str = False
     sign: str = field(default="positive", metadata=LATER)
+    elevations: int = field(default=1, metadata=LATER)
 
     def __post_init__(self) -> None:
         check_arguments(self, "spatial", tells_floor=True)
+        check_directions(self.azimuths, self.elevations)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
@@ -58,7 +62,9 @@ class Joint:
         if self.whiten == "spatial":
             return self._weighted(observation)
         matched = prepare(self, observation, view=view, whole=False, reference=False)
-        return self._strongest(joint_search(matched, refine=self.refine))
+        return self._strongest(
+            joint_search(matched, refine=self.refine, elevations=self.elevations)
+        )
 
     def _weighted(self, observation: Observation) -> Echoes:
         """Estimate with all microphones weighed together by the noise they share."""
@@ -75,7 +81,13 @@ class Joint:
                 noise.correlate(samples, first=view.first - PAD, last=view.last + PAD)
             )
             ones = np.ones(samples.shape[:2])
-            search = joint_search(matched, weights=ones, refine=self.refine, spatial=noise)
+            search = joint_search(
+                matched,
+                weights=ones,
+                refine=self.refine,
+                spatial=noise,
+                elevations=self.elevations,
+            )
             found[:, rows] = list(vars(self._strongest(search)).values())
         return Echoes(*found)
 

@@ -11,17 +11,15 @@ the aligned matched filters agree most, one to one.
 
 from dataclasses import dataclass, field
 
+from echolearn.acoustics.arrays import tells_up
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.checks import check
 from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.estimates import mpdr_echoes, reference_echoes
-from echolearn.localization.localizer import check_arguments, prepare
+from echolearn.localization.localizer import check_arguments, check_directions, prepare
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.storage.identity import LATER
-
-MOST_DIRECTIONS = 7200
-"""Largest grid: its steering weights take 36 * 442 * 4 bytes a direction for 6 microphones."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,8 @@ class Snls:
     Attributes:
         window: where echoes are sought.
         azimuths: size of the azimuth grid (180 is 2 degrees).
-        elevations: size of the elevation grid over (0, pi/2]; 1 stays in the array's plane.
+        elevations: size of the elevation grid, over (0, pi/2], or (0, pi) where the array tells up
+            from down; 1 stays in the level plane.
         gamma: regularisation of the covariance (Eq. 18).
         echoes: R; 1 is the paper, more are found by RELAX, in the array's plane.
         whiten: whether to divide by the square root of the observation's `noise_psd` first.
@@ -48,13 +47,7 @@ class Snls:
 
     def __post_init__(self) -> None:
         check_arguments(self)
-        check(
-            self.azimuths * self.elevations <= MOST_DIRECTIONS,
-            "localizer.azimuths",
-            self.azimuths,
-            allowed=f"azimuths * elevations must be at most {MOST_DIRECTIONS}",
-            hint="memory would end",
-        )
+        check_directions(self.azimuths, self.elevations)
         check(
             self.echoes == 1 or self.elevations == 1,
             "localizer.elevations",
@@ -65,5 +58,6 @@ class Snls:
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         matched = prepare(self, observation, view=view, whole=True, reference=True)
-        mpdr = Mpdr(self.azimuths, self.elevations, self.gamma)
+        below = tells_up(observation.array)
+        mpdr = Mpdr(self.azimuths, self.elevations, self.gamma, below)
         return mpdr_echoes(matched, reference_echoes(matched, self.echoes), mpdr=mpdr)
