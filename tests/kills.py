@@ -45,6 +45,7 @@ COMMANDS = {
     "generate": f"generate {PLAN} {SCENE} workers=2",
     "train -m": f"train -m -j 2 {PLAN} {SCENE} classifier=threshold_peak,threshold_score seed=0,1",
     "survey": f"survey name=walk room=8x6x5 snr_db=20 poses=12 {SCENE}",
+    "import": f"import snr_db=0 {SCENE}",
     "compare": "compare name=all tested=[tiny] surveys=[walk] resamples=50 workers=1 "
     f"readme=README.md {LEFT_OUT}",
     "export": f"export run=runs/train/RUN name=small resamples=50 {SCENE}",

@@ -19,12 +19,11 @@ from echolearn.comparison.compare import (
     TEST_COLUMNS,
     _finished,
     compare,
-    find_set,
-    find_survey,
     load_inputs,
 )
 from echolearn.comparison.drawings import draw_all
 from echolearn.comparison.evaluate import against_baseline
+from echolearn.comparison.finding import find_set, find_survey
 from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings, pick, to_csv
 from echolearn.storage import manifests
 from echolearn.training.runs import load_runs

@@ -15,8 +15,9 @@ from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.rooms import outline, true_echoes
 from echolearn.acoustics.types import Array, MicArray
 from echolearn.checks import BadValue
-from echolearn.comparison.compare import compare, find_survey, load_inputs
+from echolearn.comparison.compare import compare, load_inputs
 from echolearn.comparison.evaluate import evaluate
+from echolearn.comparison.finding import find_survey
 from echolearn.comparison.fitting import OTHER_ARRAY, OTHER_RATE, misfit, robot_of
 from echolearn.comparison.localized import localized
 from echolearn.comparison.measured import grouped, measure

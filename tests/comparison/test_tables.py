@@ -10,7 +10,7 @@ import pytest
 from echolearn.acoustics.sides import closed
 from echolearn.comparison import choice, tables
 from echolearn.comparison.choice import Comparison
-from echolearn.comparison.tables import pivot
+from echolearn.comparison.pivot import pivot
 from echolearn.evaluation.rows import (
     SNR_BANDS_DB,
     LabelledRows,

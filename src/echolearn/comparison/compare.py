@@ -6,12 +6,10 @@ The comparison is identified by what goes into it (runs, sets, surveys, settings
 not redone.
 """
 
-import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +17,14 @@ from echolearn.checks import BadValue, check, check_list, check_name, check_whol
 from echolearn.comparison import report
 from echolearn.comparison.choice import Comparison, chosen_run
 from echolearn.comparison.evaluate import Inputs, evaluate
+from echolearn.comparison.finding import find_set, find_survey, survey_digest
 from echolearn.comparison.fitting import robot_in
 from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.evaluation.rows import to_csv
 from echolearn.localization.localizer import Localizer
-from echolearn.storage.advice import assignment, command_line
-from echolearn.storage.files import clean, sha256, write_atomic
+from echolearn.storage.advice import command_line
+from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.identity import digest, plain
-from echolearn.storage.journal import JOURNAL
 from echolearn.storage.manifests import (
     MANIFEST,
     Contents,
@@ -38,15 +36,10 @@ from echolearn.storage.manifests import (
 )
 from echolearn.storage.marked_page import around
 from echolearn.storage.once import once
-from echolearn.survey.proof import used
-from echolearn.survey.reader import read_survey
 from echolearn.training.runs import load_runs
 
 ABOUT = " role method split target kind set_role room localizer"
 """Columns of both tables that tell what a row is about, so that no name need be taken apart."""
-
-BEGUN = ("simulated.json", "imported.json")
-"""Files of surveys that a command makes: without a manifest it has not finished them."""
 
 COLUMNS = "classifier trained_on tested_on seed snr_db noise metric value ci_low ci_high n" + ABOUT
 TEST_COLUMNS = (
@@ -179,15 +172,6 @@ def identity(inputs: Inputs) -> dict[str, Any]:
     }
 
 
-def survey_digest(folder: Path) -> str:
-    """Return the digest of a survey's files: those that its manifest proves, or those in use."""
-    if (folder / MANIFEST).is_file():
-        return digest(verify(folder)["files"])
-    # What a robot left has no manifest.
-    present = [folder / name for name in used(read_survey(folder))]
-    return digest({path.name: sha256(path) for path in present if path.is_file()})
-
-
 def _finished(folder: Path, inputs: Mapping[str, Any]) -> Contents | None:
     """Return what is shown of a comparison if it is whole and made from these inputs."""
     with suppress(BadValue):
@@ -212,52 +196,3 @@ def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) ->
         write_atomic(folder / file, content)
     finish(folder, {**about, "chosen": chosen_run(comparison).identity}, files)
     return {name: files[name] for name in report.SHOWN if name in files}
-
-
-def find_set(runs: Path, name: str) -> Path:
-    """Return the folder of the one finished set called `name`.
-
-    Sets of another version are passed over: nothing but `verify` can read them.
-
-    Raises:
-        BadValue: none, or several that differ in their settings.
-    """
-    pattern = f"data/{escape(name)}-{'[!-]' * 12}/{MANIFEST}"
-    # What follows the name is the digest alone: `grid-*` finds `grid-fine-<digest>`, too.
-    named = sorted(each.parent for each in runs.glob(pattern))
-    found = [each for each in named if load_manifest(each).get("format") == FORMAT]
-    hint = f"run: {command_line('generate', assignment('plan', name), runs=runs)}"
-    if found:
-        hint = "remove the outdated: " + ", ".join(map(str, found))
-    elif named:
-        hint = f"{named[0]} was made by another version of echolearn; {hint}"
-    allowed = "must be the name of exactly one finished set"
-    check(len(found) == 1, "tested", name, allowed=allowed, hint=hint)
-    return found[0]
-
-
-def find_survey(runs: Path, name: str) -> Path:
-    """Return the folder of a survey: a finished one of that name, or one that a robot recorded.
-
-    Args:
-        runs: folder of everything generated.
-        name: name of a folder under `runs/survey`, or a path with a slash to any other.
-
-    Raises:
-        BadValue: there is none, or it is still being made.
-    """
-    folder = Path(name) if "/" in name else runs / "survey" / name
-    begun = any((folder / each).is_file() for each in (JOURNAL, *BEGUN))
-    recorded = (folder / "survey.yaml").is_file() and not begun
-    finished = (folder / MANIFEST).is_file() or recorded
-    # Names of surveys begin like this unless they are given.
-    usual = re.fullmatch(r"(\w+)_(-?[\d.]+)dB", name)
-    words = [f"room={usual[1]}", f"snr_db={usual[2]}"] if usual else [assignment("name", name)]
-    hint = f"run: {command_line('survey', *words, runs=runs)}"
-    imported = re.fullmatch(r"(\w+)_(-?[\d.]+)dB_(\d+)", name)
-    if imported:
-        words = [f"source={imported[1]}", f"snr_db={imported[2]}", f"draw={imported[3]}"]
-        hint = f"run: {command_line('import', *words, runs=runs)}"
-    allowed = "must be the name of a finished survey, or a folder in its format, ./walk"
-    check(finished, "surveys", name, allowed=allowed, hint=hint)
-    return folder

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from echolearn.comparison import figures
 from echolearn.comparison.choice import Comparison, chosen, drawn, headline
-from echolearn.comparison.tables import away, levels, main_localizer, pivot, placed, unfiltered
+from echolearn.comparison.pivot import pivot
+from echolearn.comparison.tables import away, levels, main_localizer, placed, unfiltered
 from echolearn.evaluation.rows import Row, pick
 from echolearn.training.predictions import label_rows, predict_echoes, predict_rows
 

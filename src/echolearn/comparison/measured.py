@@ -12,12 +12,12 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from echolearn.acoustics.sides import distance_to_outline
-from echolearn.acoustics.types import Echoes
+from echolearn.acoustics.types import Array, Echoes
 from echolearn.checks import BadValue, check
 from echolearn.comparison.conditions import joint_snr_db, room_of
 from echolearn.comparison.localized import localized
@@ -25,7 +25,7 @@ from echolearn.evaluation import stats
 from echolearn.evaluation.labelling import Labels, joined, label_echoes
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
 from echolearn.evaluation.rows import LabelledRows, MeasuredRows, Recordings
-from echolearn.localization.localizer import Localizer, returned
+from echolearn.localization.localizer import Localizer
 from echolearn.mapping.echo_map import echo_map
 from echolearn.survey import reader
 from echolearn.survey.survey import Survey
@@ -92,50 +92,68 @@ def measure(
         BadValue: a survey without `truth.csv` and outline, or one that the localizer cannot work
             on.
     """
-    window = localizer.window
-    surveys = [replace(reader.read_survey(folder), window=window) for folder in folders]
-    columns = defaultdict(list)
-    labels = []
-    places: list[str] = []
-    levels = []
-    for survey in surveys:
-        try:
-            echoes, found = localized(survey, localizer)
-        except BadValue as error:
-            raise Unheard(str(error)) from None
-        for key, column in found.items():
-            columns[key].append(column)
-        labels.append(labels_of(survey, echoes))
-        places += [each for each in places_of(survey) for _ in range(returned(localizer))]
-        count = len(survey.poses) * returned(localizer)
-        levels.append(np.full(count, joint_snr_db(survey.conditions)))
-    strict = joined([each.strict for each in labels])
-    by_time = joined([each.by_time for each in labels])
-    groups = np.unique(places, return_inverse=True)[1]
-    about = surveys[0].conditions
-    source = Recordings(
-        group,
-        kind="measured",
-        noise=str(about.get("noise", "unknown")),
-        room=room_of(about, group),
-        localizer=name,
-    )
+    heard = []
+    for folder in folders:
+        survey = replace(reader.read_survey(folder), window=localizer.window)
+        heard.append(hear(survey, localizer))
+    strict = joined([each.labels.strict for each in heard])
+    by_time = joined([each.labels.by_time for each in heard])
     reference = by_time if strict is None else strict
     check(reference is not None, "surveys", group, allowed="must tell the truth in one way")
+    places = [place for each in heard for place in each.places]
+    groups = np.unique(places, return_inverse=True)[1]
+    about = heard[0].survey.conditions
+    noise = str(about.get("noise", "unknown"))
+    room = room_of(about, group)
     label = "reflector" if strict is None else "on_map"
     return MeasuredRows(
         LabelledRows(
-            source,
+            Recordings(group, kind="measured", noise=noise, room=room, localizer=name),
             reference=np.asarray(reference),
             groups=groups,
-            joint_snr_db=np.concatenate(levels),
+            joint_snr_db=np.concatenate([each.levels for each in heard]),
             weights=stats.cluster_weights(groups, resamples=resamples),
         ),
         label="time_and_direction" if strict is not None and by_time is not None else label,
         by_time=by_time,
-        columns={key: np.concatenate(parts) for key, parts in columns.items()},
+        columns={
+            key: np.concatenate([each.columns[key] for each in heard]) for key in heard[0].columns
+        },
         places=len(np.unique(groups)),
     )
+
+
+class Heard(NamedTuple):
+    """The echoes of one survey, B rows.
+
+    Attributes:
+        survey: the survey.
+        labels: which of them are true.
+        columns: what classifiers look at, by name, shape (B, ...).
+        places: name of the place of each.
+        levels: joint SNR of each, shape (B,), in dB.
+    """
+
+    survey: Survey
+    labels: Labels
+    columns: Mapping[str, Array]
+    places: Sequence[str]
+    levels: Array
+
+
+def hear(survey: Survey, localizer: Localizer) -> Heard:
+    """Return the echoes of a survey, described and labelled.
+
+    Raises:
+        BadValue: nothing tells which are true, or the localizer cannot work on it (`Unheard`).
+    """
+    try:
+        echoes, columns = localized(survey, localizer)
+    except BadValue as error:
+        raise Unheard(str(error)) from None
+    places = np.repeat(places_of(survey), localizer.echoes)
+    levels = np.full(len(places), joint_snr_db(survey.conditions))
+    return Heard(survey, labels_of(survey, echoes), columns, places.tolist(), levels)
 
 
 def labels_of(survey: Survey, echoes: Echoes) -> Labels:

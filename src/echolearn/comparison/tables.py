@@ -4,7 +4,7 @@ A cell of a table is a row of `results.csv`, so each figure keeps its interval. 
 what their columns say, `pivot` spreads them over lines and cells.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from operator import attrgetter, itemgetter
 from statistics import mean, stdev
 from typing import Any
@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from echolearn.comparison.choice import Comparison, chosen, headline
+from echolearn.comparison.measured_tables import measured_tables
+from echolearn.comparison.pivot import Table, pivot
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation.rows import (
     SNR_BANDS_DB,
@@ -25,24 +27,6 @@ from echolearn.evaluation.rows import (
 
 SHOWN_DB = ("-10", "-5", "0")
 """SNRs of the maps' tables."""
-
-Table = dict[tuple[Any, ...], dict[Any, Row]]
-"""Lines by what tells them from each other; in each its cells, likewise."""
-
-
-def pivot(rows: Iterable[Row], *, lines: Sequence[str], cells: str) -> Table:
-    """Spread rows over a table, in their order.
-
-    Args:
-        rows: the rows.
-        lines: columns that tell the table's lines from each other.
-        cells: column that tells the cells of a line from each other.
-    """
-    table: Table = {}
-    for row in rows:
-        line = tuple(row[name] for name in lines)
-        table.setdefault(line, {})[row[cells]] = row
-    return table
 
 
 def placed(rows: Iterable[Row], surveys: Iterable[LocalizedSurvey]) -> list[Row]:
@@ -104,6 +88,7 @@ def gather(comparison: Comparison) -> dict[str, Any]:
     """Return everything the templates show."""
     source = headline(comparison)
     best = chosen(comparison)
+    localizer = main_localizer(comparison)
     surveys = comparison.surveys.values()
     rows = placed(pick(comparison.rows, seed=""), surveys)
     tests = pick(placed(comparison.tests, surveys), training=source)
@@ -120,15 +105,15 @@ def gather(comparison: Comparison) -> dict[str, Any]:
         "bands": [f"{low} to {high}" for low, high in SNR_BANDS_DB],
         "rooms": map_tables(here + [row | {"metric": "test"} for row in tests], comparison),
         "names": distinct(here, "classifier"),
-        "localizer": main_localizer(comparison),
+        "localizer": localizer,
         "unseen": unseen(comparison, source),
         "worst": worst_test_set(here),
         "away": away(comparison),
         "directions": by_room(unfiltered(rows)),
         "precision": by_room(pick(left, metric="precision")),
         "retention": by_room(pick(left, metric="true_retention")),
-        "generalisation": generalisation(rows, localizer=main_localizer(comparison)),
-        "measured": measured_tables(rows, comparison),
+        "generalisation": generalisation(rows, localizer=localizer),
+        "measured": measured_tables(rows, comparison.measured, localizer=localizer),
         "unfit": UNFIT,
         "protocol": protocol(comparison),
         "leak": leak(rows),
@@ -212,38 +197,6 @@ def generalisation(rows: Iterable[Row], *, localizer: str) -> Table:
     # Where both are known, time and direction together take the place of time alone.
     in_turn = sorted(aucs, key=itemgetter("training"))
     return pivot(in_turn, lines=("training", "split", "classifier"), cells="tested_on")
-
-
-def measured_tables(rows: Iterable[Row], comparison: Comparison) -> dict[str, dict[str, Any]]:
-    """Return what is shown of each group of recorded surveys: its size, and a line for each model.
-
-    The cells of a line are rows by metric and SNR, as in `line["auc", ""]`.
-
-    Args:
-        rows: means over seeds.
-        comparison: what was found.
-    """
-    found = {}
-    every = pick(rows, kind="measured")
-    for (group, localizer), measured in comparison.measured.items():
-        if localizer != main_localizer(comparison):
-            continue
-        here = pick(every, tested_on=group, localizer=localizer)
-        joined = [row | {"cell": (row["metric"], row["snr_db"])} for row in here]
-        levels = sorted({row["snr_db"] for row in here} - {""}, key=float)
-        # That of the maps' tables where filtering begins to matter, or else the lowest.
-        shown = "0" if "0" in levels else next(iter(levels), "")
-        found[group] = {
-            "label": measured.label,
-            "timed": measured.by_time is not None,
-            "echoes": len(measured.labelled.reference),
-            "true": measured.labelled.reference.mean(),
-            "places": measured.places,
-            "levels": levels,
-            "level": shown,
-            "lines": pivot(joined, lines=("training", "classifier"), cells="cell"),
-        }
-    return found
 
 
 def localizers_of(comparison: Comparison) -> list[str]:

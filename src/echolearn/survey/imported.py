@@ -67,22 +67,15 @@ def import_survey(
         check_number("snr_db", snr_db, low=-100.0, high=100.0, unit="dB")
     measured = source.read(folder)
     made = takes(measured, protocol)
-    about = {
-        "kind": "survey",
-        "made_from": plain(
-            {
-                "source": measured.name,
-                "credits": measured.credits,
-                "responses": [each.samples for each in measured.responses],
-                "protocol": protocol,
-                "probe": probe,
-                "snr_db": None if snr_db is None else float(snr_db),
-                "draw": draw,
-            }
-        ),
-    }
+    level = None if snr_db is None else float(snr_db)
+    origin: dict[str, Any] = {"source": measured.name, "credits": measured.credits}
+    # By their bytes, not by where they lie: another copy of the set makes the same survey.
+    origin |= {"responses": [each.samples for each in measured.responses]}
+    origin |= {"protocol": protocol, "probe": probe, "snr_db": level, "draw": draw}
+    about = {"kind": "survey", "made_from": plain(origin)}
+
     print(f"{measured.name}: {measured.remark}; {len(made)} recordings", flush=True)
-    contents = partial(_contents, made, measured, probe=probe, snr_db=snr_db, draw=draw)
+    contents = partial(_contents, made, measured, probe=probe, snr_db=level, draw=draw)
     place = Path(runs) / "survey" / name
     return made_once(place, about, begun=BEGUN, contents=contents, command=command)
 
@@ -104,6 +97,7 @@ def _contents(
         return audio.wav_bytes(samples, probe.sample_rate)
 
     names = []
+    # Recordings come first, as they take the time: whoever is killed has lost one of them.
     for index, take in enumerate(track(made, "import", unit="recordings")):
         names.append(f"observations/{index:04d}.wav")
         yield names[-1], partial(recording, index, take)
@@ -151,7 +145,7 @@ def _conditions(
     protocol = "pose" if made[0].gated else "none"
     changes = "convolved with a burst, resampled, white noise added; protocol " + protocol
     return {
-        "snr_db": None if snr_db is None else float(snr_db),
+        "snr_db": snr_db,
         "noise": "none" if snr_db is None else "white",
         "room": f"{measured.name} {'+'.join(states)}",
         "source": measured.name,

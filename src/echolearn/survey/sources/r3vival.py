@@ -122,8 +122,8 @@ class R3vival:
                 path = place / f"RLRVarAcLab_Absorptive_{condition}_{name}_R1_FRL10cm.wav"
                 rate, samples = read_response(path)
                 rates.add(rate)
-                check_aligned(path, samples, rate)
-                responses.append(response(name, condition, samples[: len(POSITIONS)]))
+                check_aligned(path, samples, rate=rate)
+                responses.append(response(name, condition, samples=samples[: len(POSITIONS)]))
         check(len(rates) == 1, f"{place} sample_rate", sorted(rates), allowed="must be one for all")
         which = f"condition {' and '.join(held)}"
         said = f"the slice that comes with echolearn, {which}; folder=<checkout of {REPOSITORY}>"
@@ -145,7 +145,7 @@ def slice_folder() -> Path:
     return installed if installed.is_dir() else here.parents[4] / "examples" / "r3vival"
 
 
-def check_aligned(path: Path, samples: Array, rate: float) -> None:
+def check_aligned(path: Path, samples: Array, *, rate: float) -> None:
     """Raise `BadValue` unless a file has the channels of the set, and its direct sound at 10 ms.
 
     Args:
@@ -164,7 +164,7 @@ def check_aligned(path: Path, samples: Array, rate: float) -> None:
     check(aligned, str(path), shown, allowed=allowed, hint="was the file cut or shifted?")
 
 
-def response(place: str, condition: str, samples: Array) -> Response:
+def response(place: str, condition: str, *, samples: Array) -> Response:
     """Return the response from a place with its true echoes.
 
     Args:

@@ -1,0 +1,76 @@
+"""Where the sets and surveys are that a comparison names, and what tells them from others."""
+
+import re
+from glob import escape
+from pathlib import Path
+
+from echolearn.checks import check
+from echolearn.dataset.labelled_set import FORMAT
+from echolearn.storage.advice import assignment, command_line
+from echolearn.storage.files import sha256
+from echolearn.storage.identity import digest
+from echolearn.storage.journal import JOURNAL
+from echolearn.storage.manifests import MANIFEST, load_manifest, verify
+from echolearn.survey.proof import used
+from echolearn.survey.reader import read_survey
+
+BEGUN = ("simulated.json", "imported.json")
+"""Files of surveys that a command makes: without a manifest it has not finished them."""
+
+
+def find_set(runs: Path, name: str) -> Path:
+    """Return the folder of the one finished set called `name`.
+
+    Sets of another version are passed over: nothing but `verify` can read them.
+
+    Raises:
+        BadValue: none, or several that differ in their settings.
+    """
+    pattern = f"data/{escape(name)}-{'[!-]' * 12}/{MANIFEST}"
+    # What follows the name is the digest alone: `grid-*` finds `grid-fine-<digest>`, too.
+    named = sorted(each.parent for each in runs.glob(pattern))
+    found = [each for each in named if load_manifest(each).get("format") == FORMAT]
+    hint = f"run: {command_line('generate', assignment('plan', name), runs=runs)}"
+    if found:
+        hint = "remove the outdated: " + ", ".join(map(str, found))
+    elif named:
+        hint = f"{named[0]} was made by another version of echolearn; {hint}"
+    allowed = "must be the name of exactly one finished set"
+    check(len(found) == 1, "tested", name, allowed=allowed, hint=hint)
+    return found[0]
+
+
+def find_survey(runs: Path, name: str) -> Path:
+    """Return the folder of a survey: a finished one of that name, or one that a robot recorded.
+
+    Args:
+        runs: folder of everything generated.
+        name: name of a folder under `runs/survey`, or a path with a slash to any other.
+
+    Raises:
+        BadValue: there is none, or it is still being made.
+    """
+    folder = Path(name) if "/" in name else runs / "survey" / name
+    begun = any((folder / each).is_file() for each in (JOURNAL, *BEGUN))
+    recorded = (folder / "survey.yaml").is_file() and not begun
+    finished = (folder / MANIFEST).is_file() or recorded
+    # Names of surveys begin like this unless they are given.
+    usual = re.fullmatch(r"(\w+)_(-?[\d.]+)dB", name)
+    words = [f"room={usual[1]}", f"snr_db={usual[2]}"] if usual else [assignment("name", name)]
+    hint = f"run: {command_line('survey', *words, runs=runs)}"
+    imported = re.fullmatch(r"(\w+)_(-?[\d.]+)dB_(\d+)", name)
+    if imported:
+        words = [f"source={imported[1]}", f"snr_db={imported[2]}", f"draw={imported[3]}"]
+        hint = f"run: {command_line('import', *words, runs=runs)}"
+    allowed = "must be the name of a finished survey, or a folder in its format, ./walk"
+    check(finished, "surveys", name, allowed=allowed, hint=hint)
+    return folder
+
+
+def survey_digest(folder: Path) -> str:
+    """Return the digest of a survey's files: those that its manifest proves, or those in use."""
+    if (folder / MANIFEST).is_file():
+        return digest(verify(folder)["files"])
+    # What a robot left has no manifest.
+    present = [folder / name for name in used(read_survey(folder))]
+    return digest({path.name: sha256(path) for path in present if path.is_file()})
