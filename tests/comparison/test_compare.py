@@ -282,7 +282,7 @@ BAD: tuple[tuple[dict[str, Any], str], ...] = (
     ({"tested": ["grid", "grid"]}, "tested=grid, grid: must hold each name only once"),
     (
         {"surveys": ["barn_0dB"]},
-        "surveys=barn_0dB: must be the name of a finished survey; "
+        "surveys=barn_0dB: must be the name of a finished survey, or a folder in its format, ./walk; "
         "run: echolearn survey room=barn snr_db=0",
     ),
     ({"surveys": ["a", "a"]}, "surveys=a, a: must hold each name only once"),

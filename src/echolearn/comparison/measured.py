@@ -151,9 +151,10 @@ def hear(survey: Survey, localizer: Localizer) -> Heard:
         echoes, columns = localized(survey, localizer)
     except BadValue as error:
         raise Unheard(str(error)) from None
-    places = np.repeat(places_of(survey), localizer.echoes)
+    count = echoes.toa.shape[1]
+    places = [place for place in places_of(survey) for _ in range(count)]
     levels = np.full(len(places), joint_snr_db(survey.conditions))
-    return Heard(survey, labels_of(survey, echoes), columns, places.tolist(), levels)
+    return Heard(survey, labels_of(survey, echoes), columns, places, levels)
 
 
 def labels_of(survey: Survey, echoes: Echoes) -> Labels:
