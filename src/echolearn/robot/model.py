@@ -181,6 +181,7 @@ def _deadline(seconds: float) -> Iterator[onnxruntime.RunOptions]:
     done = threading.Event()
 
     def watch() -> None:
+        """Stop the computation once its time is spent."""
         # A thread computes no longer than it lives, so it cannot be late before that.
         while (left := until - time.clock_gettime(clock)) > 0:
             if done.wait(left + 0.001):

@@ -181,7 +181,7 @@ def _check_shape(path: Path, shape: tuple[int, ...], *, wanted: tuple[int, int])
     )
 
 
-def undecided(path: Path) -> NDArray[Any] | None:
+def undecided_words(path: Path) -> NDArray[Any] | None:
     """Return words of a file that do not tell their bits, None of all other files.
 
     What is missing or damaged is left to its reader.

@@ -83,7 +83,8 @@ def numbers_of(files: Iterable[NDArray[Any] | None], *, like: Numbers = AS_TOLD)
     """Return how the numbers of files are stored, all of them alike.
 
     Args:
-        files: words of each that does not tell their bits, None of all others (`audio.undecided`).
+        files: words of each that does not tell their bits, None of all others
+            (`audio.undecided_words`).
         like: how those of louder files beside them are, which count where these fit in as well.
     """
     peak = 0.0

@@ -19,7 +19,7 @@ from echolearn.checks import BadValue
 from echolearn.storage.advice import assignment
 from echolearn.survey import levels, naming, removal, time_zero
 from echolearn.survey.arrivals import arrivals
-from echolearn.survey.audio import undecided
+from echolearn.survey.audio import undecided_words
 from echolearn.survey.channels import judge_channels
 from echolearn.survey.consistency import Heard, inconsistency
 from echolearn.survey.containers import Containers, numbers_of, told
@@ -143,8 +143,8 @@ def examine(survey: Survey) -> Health:
 def _stored(survey: Survey) -> Containers:
     """Return how the numbers of a survey's files are stored."""
     # Read one by one: the first that tells its bits ends it.
-    recordings = numbers_of(undecided(survey.folder / file) for file in survey.files)
-    noise = numbers_of([undecided(survey.folder / NOISE)], like=recordings)
+    recordings = numbers_of(undecided_words(survey.folder / file) for file in survey.files)
+    noise = numbers_of([undecided_words(survey.folder / NOISE)], like=recordings)
     return survey.containers._replace(recordings=recordings, noise=noise)
 
 

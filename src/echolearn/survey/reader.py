@@ -76,7 +76,7 @@ def read_survey(folder: Path) -> Survey:
     check(present or not calibrated, name, "removed", allowed="must be present", hint=hint)
 
     probe = folder / "probe.wav"
-    stored = numbers_of([audio.undecided(probe)])
+    stored = numbers_of([audio.undecided_words(probe)])
     walked = read_poses(folder / "poses.csv")
     for file in dict.fromkeys(walked.files):
         check(inside(folder, file), f"{folder}/poses.csv file", file, allowed=INSIDE)
