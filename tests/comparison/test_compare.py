@@ -385,6 +385,20 @@ def test_a_set_is_found_by_its_whole_name(put: Put, tmp_path: Path) -> None:
         find_set(tmp_path, "grid")
 
 
+@pytest.mark.parametrize("plan", [None, "text", {}, {"name": ["a"]}, {"name": "grid"}])
+def test_a_set_of_no_plan_beside_the_others_stops_nothing(
+    world: World, tmp_path: Path, plan: object
+) -> None:
+    for part in ("survey", "train"):
+        (tmp_path / part).symlink_to(world.runs / part)
+    shutil.copytree(world.runs / "data", tmp_path / "data")
+    (tmp_path / "data" / "odd").mkdir()
+    manifests.finish(tmp_path / "data" / "odd", {"kind": "set", "plan": plan}, [])
+    keys = ("tested", "surveys", "localizers")
+    found = load_inputs(**{key: world.arguments[key] for key in keys}, runs=tmp_path)
+    assert [*found.sets] == world.arguments["tested"] and len(found.models) == 5
+
+
 def test_a_survey_is_found_once_it_finished(tmp_path: Path) -> None:
     (tmp_path / "survey" / "half").mkdir(parents=True)
     with pytest.raises(BadValue, match="surveys=half"):

@@ -145,7 +145,8 @@ def load_inputs(
     check(enough, "localizers", "{}", allowed="must hold at least one, to localize the surveys")
     # A training set's role is wanted also where the set itself is not among those tested; sets of
     # another version, which have none, may stand beside them.
-    known = [load_manifest(path.parent) for path in runs.glob(f"data/*/{MANIFEST}")]
+    there = [load_manifest(path.parent) for path in runs.glob(f"data/*/{MANIFEST}")]
+    known = [each for each in there if _tells_plan(each)]
     plans = [each["plan"] for each in known]
     return Inputs(
         models,
@@ -159,6 +160,13 @@ def load_inputs(
             if each.get("format") == FORMAT
         },
     )
+
+
+def _tells_plan(manifest: Mapping[str, Any]) -> bool:
+    """Tell whether a manifest, which a stranger may have written, names a plan and its scene."""
+    plan = manifest.get("plan")
+    kinds = {"name": str, "scene": dict}
+    return isinstance(plan, dict) and all(isinstance(plan.get(k), v) for k, v in kinds.items())
 
 
 def identity(inputs: Inputs) -> dict[str, Any]:
