@@ -8,7 +8,7 @@ import pytest
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.rooms import outline
-from echolearn.comparison.evaluate import evaluate_survey
+from echolearn.comparison.evaluate import evaluate_survey, robot_at
 from echolearn.comparison.localized import localize_survey
 from echolearn.localization.methods.gated import Gated
 from echolearn.robot.scorer import load
@@ -53,11 +53,13 @@ def test_the_robot_finds_what_the_laboratory_finds(
 
 def test_a_comparison_evaluates_every_echo(pairs: tuple[Path, Run], world: World) -> None:
     _, run = pairs
+    folder = world.runs / "survey" / "hall_0dB"
     found = evaluate_survey(
         {run.model: [run]},
-        world.runs / "survey" / "hall_0dB",
+        folder,
         localizers={"two": Gated(WINDOW, 36, echoes=2)},
         name="two",
+        robots={run.data_digest: robot_at(folder)},
         resamples=20,
     )
     assert {row["n"] for row in found.rows} == {2 * POSES}
