@@ -91,16 +91,8 @@ def survey(
     realism.check_scene(scene)
     flawed = {} if realism.clean else {"realism": realism}
     about = {"kind": "survey", "made_from": plain(origin | alone | flawed)}
-    record = partial(
-        _record,
-        room,
-        walk,
-        scene=scene,
-        levels=levels,
-        seed=seed,
-        seconds=seconds,
-        realism=realism,
-    )
+    record = partial(_record, room, walk, scene=scene, levels=levels, seed=seed)
+    record = partial(record, seconds=seconds, realism=realism)
     folder = Path(runs) / "survey" / name
     return made_once(folder, about, begun=BEGUN, contents=record, command=command)
 
@@ -198,17 +190,16 @@ def _record(
 
     padded = np.pad(probe.samples, (0, probe.length - len(probe.samples)))
     yield "probe.wav", partial(audio.wav_bytes, padded, probe.sample_rate)
+    yield "survey.yaml", partial(_description, room, scene, levels=levels)
 
+
+def _description(room: AnyRoom, scene: Scene, *, levels: NoiseLevels) -> bytes:
+    """Return `survey.yaml` of a walk in a room."""
     noise = noise_kind(plain(scene), sensor=levels.snr_db is not None)
-    given = {**_given(levels), "noise": noise, "room": _told(room), "t60": room.t60}
-    yield (
-        "survey.yaml",
-        partial(
-            description_bytes,
-            scene.array,
-            probe,
-            speed_of_sound=scene.speed_of_sound,
-            walls=outline(room),
-            conditions=given,
-        ),
+    return description_bytes(
+        scene.array,
+        scene.probe,
+        speed_of_sound=scene.speed_of_sound,
+        walls=outline(room),
+        conditions={**_given(levels), "noise": noise, "room": _told(room), "t60": room.t60},
     )

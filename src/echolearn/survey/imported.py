@@ -68,16 +68,20 @@ def import_survey(
     measured = source.read(folder)
     made = takes(measured, protocol)
     level = None if snr_db is None else float(snr_db)
-    origin: dict[str, Any] = {"source": measured.name, "credits": measured.credits}
-    # By their bytes, not by where they lie: another copy of the set makes the same survey.
-    origin |= {"responses": [each.samples for each in measured.responses]}
-    origin |= {"protocol": protocol, "probe": probe, "snr_db": level, "draw": draw}
-    about = {"kind": "survey", "made_from": plain(origin)}
+    asked = {"protocol": protocol, "probe": probe, "snr_db": level, "draw": draw}
+    about = {"kind": "survey", "made_from": plain(_origin(measured) | asked)}
 
     print(f"{measured.name}: {measured.remark}; {len(made)} recordings", flush=True)
     contents = partial(_contents, made, measured, probe=probe, snr_db=level, draw=draw)
     place = Path(runs) / "survey" / name
     return made_once(place, about, begun=BEGUN, contents=contents, command=command)
+
+
+def _origin(measured: Measurements) -> dict[str, Any]:
+    """Return what tells measurements from all others."""
+    # By their bytes, not by where they lie: another copy of the set makes the same survey.
+    responses = [each.samples for each in measured.responses]
+    return {"source": measured.name, "credits": measured.credits, "responses": responses}
 
 
 def _contents(
