@@ -100,26 +100,42 @@ def measure(
     by_time = joined([each.labels.by_time for each in heard])
     reference = by_time if strict is None else strict
     check(reference is not None, "surveys", group, allowed="must tell the truth in one way")
-    places = [place for each in heard for place in each.places]
-    groups = np.unique(places, return_inverse=True)[1]
     about = heard[0].survey.conditions
     noise = str(about.get("noise", "unknown"))
     room = room_of(about, group)
+    source = Recordings(group, kind="measured", noise=noise, room=room, localizer=name)
+    labelled = _labelled(heard, np.asarray(reference), source=source, resamples=resamples)
     label = "reflector" if strict is None else "on_map"
     return MeasuredRows(
-        LabelledRows(
-            Recordings(group, kind="measured", noise=noise, room=room, localizer=name),
-            reference=np.asarray(reference),
-            groups=groups,
-            joint_snr_db=np.concatenate([each.levels for each in heard]),
-            weights=stats.cluster_weights(groups, resamples=resamples),
-        ),
+        labelled,
         label="time_and_direction" if strict is not None and by_time is not None else label,
         by_time=by_time,
         columns={
             key: np.concatenate([each.columns[key] for each in heard]) for key in heard[0].columns
         },
-        places=len(np.unique(groups)),
+        places=len(np.unique(labelled.groups)),
+    )
+
+
+def _labelled(
+    heard: Sequence["Heard"], reference: Array, *, source: Recordings, resamples: int
+) -> LabelledRows:
+    """Return the echoes of some surveys with their labels.
+
+    Args:
+        heard: what was found in each survey.
+        reference: which echoes of all of them are true, shape (B,), bool.
+        source: where they come from.
+        resamples: bootstrap draws over the places.
+    """
+    places = [place for each in heard for place in each.places]
+    groups = np.unique(places, return_inverse=True)[1]
+    return LabelledRows(
+        source,
+        reference=reference,
+        groups=groups,
+        joint_snr_db=np.concatenate([each.levels for each in heard]),
+        weights=stats.cluster_weights(groups, resamples=resamples),
     )
 
 
