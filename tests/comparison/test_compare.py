@@ -282,8 +282,8 @@ BAD: tuple[tuple[dict[str, Any], str], ...] = (
     ({"tested": ["grid", "grid"]}, "tested=grid, grid: must hold each name only once"),
     (
         {"surveys": ["barn_0dB"]},
-        "surveys=barn_0dB: must be the name of a finished survey, or a folder in its format, ./walk; "
-        "run: echolearn survey room=barn snr_db=0",
+        "surveys=barn_0dB: must be the name of a finished survey, or a folder in its format, "
+        "./walk; run: echolearn survey room=barn snr_db=0",
     ),
     ({"surveys": ["a", "a"]}, "surveys=a, a: must hold each name only once"),
     ({"localizers": {}}, "localizers={}: must hold at least one, to localize the surveys"),

@@ -122,8 +122,11 @@ def test_times_and_directions_alone_make_no_map_but_are_judged_by_their_truth(
     poses = reader.read_survey(walk).poses
     truths = [true_echoes(HALL, pose, array=circular_array()) for pose in poses]
     (walk / "truth.csv").write_bytes(truth_csv(truths))
-    edit(walk, map=False)
     capsys.readouterr()
+    made()
+    both_told = capsys.readouterr().out.split("of echoes, by truth.csv")
+    assert [each.count("  precision  ") for each in both_told] == [1, 1]
+    edit(walk, map=False)
     assert made() == folder
     assert sorted(content(folder)) == ["manifest.json", "map.csv"]
     said = capsys.readouterr().out

@@ -25,6 +25,10 @@ from echolearn.survey.time_zero import HIDDEN
 SHOWN = ("precision", "true_retention", "spurious_removal", "error_median", "wall_coverage")
 """Metrics that are printed where the room is known."""
 
+KEPT = ("precision", "true_retention", "spurious_removal")
+ECHO_SHOWN = (*KEPT, *(f"time_{name}" for name in KEPT))
+"""Metrics of echoes that are printed where their truth is known."""
+
 DRAWN = ("walls.csv", "map.ply", "map.pgm", "map.yaml", "map.svg")
 """Files of a map besides its table, which times and directions alone do not have."""
 
@@ -161,8 +165,17 @@ def report(about: Mapping[str, Any]) -> None:
         print(f"{lack}; the most likely cause first:")
     for number, cause in enumerate(about["causes"], start=1):
         print(f"  {number}. {cause}")
-    scores = {name: about["scores"][name] for name in SHOWN} if about["scores"] else {}
+    if about["scores"]:
+        _print_scores(about["scores"], SHOWN)
     if about.get("echo_scores"):
         print("of echoes, by truth.csv; time_: by time alone")
-    for name, value in (scores | about.get("echo_scores", {})).items():
-        print(f"  {name:17}" + ("undefined" if value is None else f"{value:.3f}"))
+        known = [name for name in ECHO_SHOWN if name in about["echo_scores"]]
+        _print_scores(about["echo_scores"], known)
+
+
+def _print_scores(scores: Mapping[str, float | None], names: Sequence[str]) -> None:
+    """Print some metrics, a line each."""
+    width = max(17, *(len(name) + 1 for name in names))
+    for name in names:
+        value = scores[name]
+        print(f"  {name:{width}}" + ("undefined" if value is None else f"{value:.3f}"))
