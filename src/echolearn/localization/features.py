@@ -49,7 +49,7 @@ def describe(
         if not {"covariance_gated", "covariance_steered"}.isdisjoint(names):
             columns |= gated_covariances(view, index, toward=toward)
         if len(views) > 1:
-            columns |= neighbour_columns(view, echoes, r)
+            columns |= neighbour_columns(view, echoes, rank=r)
         each.append(columns)
     return {
         name: np.stack([columns[name] for columns in each], axis=1).reshape(-1, *first.shape[1:])
@@ -141,14 +141,20 @@ def steered_columns(matched: MatchedFilter, index: Array, *, toward: Array) -> d
     }
 
 
-def neighbour_columns(matched: MatchedFilter, echoes: Echoes, r: int) -> dict[str, Array]:
-    """Return the columns that tell echo `r` of several, fields (B, R), from the others."""
-    others = np.delete(np.arange(echoes.toa.shape[1]), r)
-    apart = np.abs(echoes.toa[:, others] - echoes.toa[:, r, None])
+def neighbour_columns(matched: MatchedFilter, echoes: Echoes, *, rank: int) -> dict[str, Array]:
+    """Return the columns that tell one of several echoes from the others, fields (B,).
+
+    Args:
+        matched: their recordings.
+        echoes: fields (B, R).
+        rank: which of the R, from 0, the strongest.
+    """
+    others = np.delete(np.arange(echoes.toa.shape[1]), rank)
+    apart = np.abs(echoes.toa[:, others] - echoes.toa[:, rank, None])
     nearest = apart.argmin(axis=-1)[:, None]
-    own = echoes.gain[:, r]
+    own = echoes.gain[:, rank]
     return {
-        "rank": np.full(len(own), float(r)),
+        "rank": np.full(len(own), float(rank)),
         "neighbour_lag": apart.min(axis=-1) * matched.observation.probe.sample_rate,
         "neighbour_gain": ratio(
             np.take_along_axis(echoes.gain[:, others], nearest, axis=-1)[:, 0], own

@@ -68,7 +68,7 @@ class Gated:
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         if isinstance(self.echoes, str):
-            return of_walls(self, observation, view)
+            return of_walls(self, observation, view=view)
         matched = prepare(self, observation, view=view, whole=False, reference=True)
         check_extent(matched)
         times = reference_echoes(matched, self.echoes)
