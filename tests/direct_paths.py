@@ -30,7 +30,7 @@ from echolearn.storage.marked_page import Markers, write_between
 from echolearn.survey import early, protocols
 from echolearn.survey.audio import wav_bytes
 from echolearn.survey.description import description_bytes
-from echolearn.survey.health import examine, mended
+from echolearn.survey.health import as_found, examine
 from echolearn.survey.poses import poses_csv
 from echolearn.survey.reader import read_survey
 from echolearn.survey.sources.r3vival import R3vival
@@ -42,7 +42,7 @@ ROOM = Room((8.0, 6.0, 5.0), 0.25)
 ARRAY = circular_array()
 PROBE = noise_probe(length=8000)
 LOCALIZER = Gated()
-WAYS = ("exact", "analytic", "fitted", "fir", "all lags", "joint")
+WAYS = ("exact", "analytic", "fitted", "fir", "all lags", "joint", "fir, as played")
 MARKERS = Markers(
     "<!-- direct paths: written by `python tests/direct_paths.py` -->",
     "<!-- end of direct paths -->",
@@ -187,7 +187,7 @@ def write(folder: Path, samples: Array, each: Case) -> Survey:
     for name, recording in zip(names, samples, strict=True):
         (folder / name).write_bytes(wav_bytes(recording, RATE))
     survey = read_survey(folder)
-    return mended(survey, examine(survey)) if each.mended else survey
+    return as_found(survey, examine(survey)) if each.mended else survey
 
 
 def all_lags(samples: Array, survey: Survey, *, joint: bool) -> Array:
@@ -214,6 +214,8 @@ def without_direct(survey: Survey, way: str) -> Observation:
     every = range(len(survey.poses))
     if way in ("fir", "fitted", "analytic"):
         return replace(survey, direct=way).observe(every)
+    if way == "fir, as played":
+        return replace(survey, direct="fir", played="walk").observe(every)
     samples = np.stack([survey.mended(pose) for pose in every])
     left = all_lags(samples, survey, joint=way == "joint")
     return Observation(left, PROBE, survey.array)

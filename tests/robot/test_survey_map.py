@@ -293,6 +293,27 @@ def test_the_way_to_remove_the_direct_path_is_chosen(
     assert true(chosen["analytic"]) < true(first) / 2
 
 
+def test_echoes_are_sought_by_the_burst_as_played_where_that_is_asked_for(
+    made: Make, walk: Path
+) -> None:
+    with pytest.raises(BadValue, match="played=walk: must be null; .* has direct_path: removed"):
+        made(played="walk")
+    with_direct(walk, 0.5, pcm=False)
+    with pytest.raises(BadValue, match="played=calibration: must be walk or null; .* has no cal"):
+        made(played="calibration")
+    with pytest.raises(BadValue, match="played=by hand: must be calibration or walk"):
+        made(played="by hand")
+    plain = made()
+    usual = points(plain)
+    assert "played" not in about(plain)["inputs"]
+    filtered = made(played="walk")
+    assert about(filtered)["inputs"]["played"] == "walk"
+    assert "burst as the loudspeaker plays it" in "".join(about(filtered)["health"]["mended"])
+    # The simulated loudspeaker is perfect: nothing is gained, nothing lost.
+    same = np.linalg.norm(points(filtered)[:, :2] - usual[:, :2], axis=1) < 0.03
+    assert same[on_walls(usual, outline(HALL))].mean() > 0.8
+
+
 # ---------------------------------------------------------------- what does not fit
 
 

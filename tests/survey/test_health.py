@@ -395,3 +395,11 @@ def test_levels_are_those_of_the_probe(tmp_path: Path) -> None:
     assert loud.hum_hz == pytest.approx(50, abs=0.1) and loud.hum_db.max() == pytest.approx(
         20, abs=1
     )
+
+
+def test_the_burst_as_the_loudspeaker_plays_it_is_told(tmp_path: Path) -> None:
+    survey = write(tmp_path / "walk", walk(direct=True), direct=True)
+    [line] = examine(replace(survey, played="walk")).mended
+    assert line.startswith("played=walk: echoes are sought by the burst as the loudspeaker plays")
+    assert re.search(r"of 8 recordings; .* holds (9\d|100) % of the energy", line)
+    assert not examine(survey).mended

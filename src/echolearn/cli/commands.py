@@ -154,7 +154,8 @@ def _map(config: "Config") -> Path:
         survey=_recorded(config),
         bundle=_needed(config, "bundle", allowed="must be a folder that echolearn export wrote"),
         runs=Path(config["runs"]),
-        **_built(config, "name resolution resample direct ros without gains localizer command"),
+        **_built(config, "name resolution resample direct played ros"),
+        **_built(config, "without gains localizer command"),
     )
 
 
@@ -166,7 +167,7 @@ def _check(config: "Config") -> Path:
         survey=_recorded(config),
         bundle=_path(config["bundle"]),
         runs=Path(config["runs"]),
-        **_built(config, "name resample direct without gains command"),
+        **_built(config, "name resample direct played without gains command"),
     )
 
 

@@ -39,6 +39,7 @@ def check_survey(
     name: str | None = None,
     resample: bool = False,
     direct: str | None = None,
+    played: str | None = None,
     without: Sequence[int] | None = None,
     gains: Sequence[float] | None = None,
     command: str | None = None,
@@ -51,7 +52,7 @@ def check_survey(
         bundle: folder of the bundle that shall map it: whether they fit is told, and its search
             window is drawn; None draws that of walls 1 to 2 m away.
         name: name of the page's folder; that of the survey's unless given.
-        resample, direct, without, gains: as for `map_survey`.
+        resample, direct, played, without, gains: as for `map_survey`.
         command: what makes the page again; None says nothing about it.
 
     Raises:
@@ -63,7 +64,7 @@ def check_survey(
     _check_free(folder)
     walk, _ = read_proved(Path(survey))
     walk = with_gains(walk, None, without=without, gains=gains)
-    walk, unfit = _fit(walk, bundle, resample=resample, direct=direct)
+    walk, unfit = _fit(walk, bundle, resample=resample, direct=direct, played=played)
     health = examine(walk)
     facts = survey_facts(walk, health, refused=unfit)
     fall = waterfall(walk, health, window=walk.window)
@@ -80,14 +81,19 @@ def check_survey(
 
 
 def _fit(
-    walk: Survey, bundle: Path | None, *, resample: bool, direct: str | None
+    walk: Survey,
+    bundle: Path | None,
+    *,
+    resample: bool,
+    direct: str | None,
+    played: str | None,
 ) -> tuple[Survey, list[str]]:
     """Return a survey as a bundle would take it, and why it does not fit, if so.
 
     Args:
         walk: what was recorded.
         bundle: folder of the bundle; every survey fits None.
-        resample, direct: as for `map_survey`.
+        resample, direct, played: as for `map_survey`.
     """
     if bundle is None:
         return walk, []
@@ -98,11 +104,11 @@ def _fit(
     left_out = [] if walk.gains is None else (np.flatnonzero(walk.gains == 0) + 1).tolist()
     walk = replace(walk, window=found.localizer.window)
     try:
-        opened = open_survey(walk.folder, found, resample=resample, direct=direct)
+        opened = open_survey(walk.folder, found, resample=resample, direct=direct, played=played)
         with_gains(walk, found, without=left_out or None)
     except BadValue as error:
         return walk, [str(error)]
-    return replace(walk, direct=opened.direct), []
+    return replace(walk, direct=opened.direct, played=opened.played), []
 
 
 def _write(folder: Path, content: bytes, *, about: Mapping[str, Any]) -> None:

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from echolearn.checks import BadValue, check, check_list, check_number, check_whole
+from echolearn.checks import BadValue, check, check_choice, check_list, check_number, check_whole
 from echolearn.robot.compatibility import mount_angle
 from echolearn.survey.direct_path import REMOVALS
+from echolearn.survey.played import WAYS
 from echolearn.survey.proof import read_proved
 from echolearn.survey.survey import CALIBRATION, Survey
 
@@ -63,7 +64,14 @@ def with_gains(
     return replace(walk, gains=factors)
 
 
-def open_survey(folder: Path, bundle: "Bundle", *, resample: bool, direct: str | None) -> Survey:
+def open_survey(
+    folder: Path,
+    bundle: "Bundle",
+    *,
+    resample: bool,
+    direct: str | None,
+    played: str | None = None,
+) -> Survey:
     """Return a survey that was recorded as a bundle wants it.
 
     Args:
@@ -71,6 +79,7 @@ def open_survey(folder: Path, bundle: "Bundle", *, resample: bool, direct: str |
         bundle: what its microphones, sample rate and probe must be.
         resample: bring another sample rate to the bundle's.
         direct: how to remove a direct path; None leaves that to the survey.
+        played: where the burst as the loudspeaker plays it is taken from; None takes `probe.wav`.
 
     Raises:
         BadValue: it cannot be read, or does not fit.
@@ -80,6 +89,9 @@ def open_survey(folder: Path, bundle: "Bundle", *, resample: bool, direct: str |
     if direct is not None:
         _check_removal(walk, direct)
         walk = replace(walk, direct=direct)
+    if played is not None:
+        _check_played(walk, played)
+        walk = replace(walk, played=played)
 
     rate = bundle.probe.sample_rate
     given = walk.probe.sample_rate
@@ -93,6 +105,19 @@ def open_survey(folder: Path, bundle: "Bundle", *, resample: bool, direct: str |
     except BadValue as error:
         raise BadValue(f"{folder}: {error}") from None
     return walk
+
+
+def _check_played(walk: Survey, played: str) -> None:
+    """Raise `BadValue` unless a survey tells how the loudspeaker plays the burst."""
+    check_choice("played", played, *WAYS)
+    hint = f"{walk.folder} has direct_path: removed"
+    check(walk.direct is not None, "played", played, allowed="must be null", hint=hint)
+    carried = walk.loudspeakers is None
+    hint = f"the loudspeaker of {walk.folder} moves on its own"
+    check(carried, "played", played, allowed="must be null", hint=hint)
+    recorded = played != "calibration" or (walk.folder / CALIBRATION).exists()
+    hint = f"{walk.folder} has no {CALIBRATION}"
+    check(recorded, "played", played, allowed="must be walk or null", hint=hint)
 
 
 def _check_removal(walk: Survey, direct: str) -> None:

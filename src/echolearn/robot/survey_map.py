@@ -51,6 +51,7 @@ def map_survey(
     resolution: float = 0.05,
     resample: bool = False,
     direct: str | None = None,
+    played: str | None = None,
     ros: bool = False,
     without: Sequence[int] | None = None,
     gains: Sequence[float] | None = None,
@@ -68,6 +69,8 @@ def map_survey(
         resample: bring recordings of another sample rate to the bundle's.
         direct: how to remove a direct path that is present, one of `direct_path.REMOVALS`; None
             takes the first that can be: `calibration` where it was recorded, else `fir`.
+        played: where the burst as the loudspeaker plays it is taken from, `calibration` or `walk`,
+            to seek echoes by that; None seeks them by `probe.wav`.
         ros: also write a bag for ROS 2.
         without: numbers of microphones that are left out, from 1.
         gains: a factor for each microphone.
@@ -83,9 +86,10 @@ def map_survey(
 
     sign = (localizer or {}).get("sign")
     scorer = seeking(load(bundle), sign)
-    walk = open_survey(Path(survey), scorer.bundle, resample=resample, direct=direct)
+    walk = open_survey(Path(survey), scorer.bundle, resample=resample, direct=direct, played=played)
     walk = with_gains(walk, scorer.bundle, without=without, gains=gains)
     asked = {"direct": direct, "ros": ros or None, "resolution": float(resolution), "sign": sign}
+    asked |= {"played": played}
     order = _Order(scorer, walk, asked=asked, writers=writers)
     finished = partial(finished_map, folder, order.inputs)
     make = partial(order.make, folder, command=command)

@@ -17,7 +17,7 @@ import numpy as np
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.storage.advice import assignment
-from echolearn.survey import levels, naming, removal, time_zero
+from echolearn.survey import levels, naming, played, removal, time_zero
 from echolearn.survey.arrivals import arrivals
 from echolearn.survey.audio import undecided_words
 from echolearn.survey.channels import judge_channels
@@ -107,7 +107,8 @@ def examine(survey: Survey) -> Health:
     begun = _calibration(walk, verdicts.alive)
     verdicts.refused += (*zero.refused, *begun.refused)
     mending = _mending(walk, zero, used=verdicts.alive, calibration=float(begun.late[0]))
-    removed = removal.removed_db(replace(survey, mending=mending), walk.direct.noise)
+    sound = replace(survey, mending=mending)
+    removed = removal.removed_db(sound, walk.direct.noise)
     signs = walk.echo.sign * mending.sign * verdicts.alive
     rest = walk.level[:, survey.used].mean(axis=1) / np.maximum(walk.noise, 1e-30) - 1.0
     return Health(
@@ -127,7 +128,7 @@ def examine(survey: Survey) -> Health:
         removed_db=removed,
         clock_drift_ppm=_drift(walk.echo),
         verdicts=tuple(verdicts.words),
-        mended=tuple(_told(mending, walk, zero=zero)),
+        mended=(*_told(mending, walk, zero=zero), *_played(sound)),
         noticed=(
             *verdicts.noticed,
             *_moving(walk),
@@ -158,11 +159,11 @@ def _zero(walk: Walk, used: Array) -> TimeZero:
 def _calibration(walk: Walk, used: Array) -> TimeZero:
     """Return when `calibration.wav` begins; in time if there is none."""
     survey = walk.survey
-    if survey.direct != "calibration":
+    if "calibration" not in (survey.direct, survey.played):
         return TimeZero("", np.zeros(1))
     lags = time_zero.expected(survey.array, survey.probe, survey.speed_of_sound)
-    found = time_zero.direct_path_of(arrivals(survey.arrivals, survey.probe), lags)
-    share = found.height**2 / np.sum(survey.arrivals**2, axis=-1)
+    found = time_zero.direct_path_of(arrivals(survey.calibration, survey.probe), lags)
+    share = found.height**2 / np.sum(survey.calibration**2, axis=-1)
     if np.mean(share[used] >= DIRECT_SHARE) <= 0.5:
         faint = "must hold it alone, at each microphone; was the probe played, and in the open?"
         return TimeZero("", np.zeros(1), (f"direct path in {CALIBRATION}=not seen: {faint}",))
@@ -289,6 +290,13 @@ def _told(mending: Mending, walk: Walk, *, zero: TimeZero) -> list[str]:
         most = decibels(np.median(walk.levels.hum[humming], axis=1).max())
         lines.append(f"hum of the mains {most:+.0f} dB over the rest in {where}; subtracted")
     return lines
+
+
+def _played(sound: Survey) -> list[str]:
+    """Return the line on the burst by which echoes of a mended survey are sought, if it is told."""
+    if not sound.played:
+        return []
+    return [played.told(sound.played, sound.response, recordings=len(sound.looked_at))]
 
 
 def mended(survey: Survey, health: Health) -> Survey:

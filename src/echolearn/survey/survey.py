@@ -19,7 +19,7 @@ from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Probe, Truth
 from echolearn.checks import check
-from echolearn.survey import audio, direct_path, early
+from echolearn.survey import audio, direct_path, early, played
 from echolearn.survey.containers import Containers
 from echolearn.survey.mending import Mending, taken_off
 
@@ -61,6 +61,8 @@ class Survey:
         truth: true echoes of each pose, or None where they are not known.
         further: cells of further columns of `poses.csv`, by name, P texts each.
         window: where echoes will be sought; what `direct="fir"` removes comes before.
+        played: where the burst as the loudspeaker plays it is taken from, by which recordings are
+            filtered when read, one of `played.WAYS`; None leaves them.
     """
 
     folder: Path
@@ -83,6 +85,7 @@ class Survey:
     truth: tuple[Truth, ...] | None = None
     further: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     window: SearchWindow = SearchWindow()
+    played: str | None = None
 
     def observe(self, poses: Sequence[int]) -> Observation:
         """Read the recordings of the numbered poses, samples (B, M, N), without the direct path.
@@ -96,6 +99,8 @@ class Survey:
         samples = np.stack([self.mended(pose) for pose in poses])
         if self.direct:
             samples = self.without_direct(samples, poses)
+        if self.played:
+            samples = played.as_played(samples, self.response)
         psd, covariance = self.noise_statistics
         return Observation(
             samples=self._resampled(samples),
@@ -140,6 +145,28 @@ class Survey:
         return early.early_lags(
             self.probe, self.around(pose), window=self.window, speed_of_sound=self.speed_of_sound
         )
+
+    @cached_property
+    def response(self) -> Array:
+        """What the loudspeaker plays of an impulse, as `played.loudspeaker_response` has it."""
+        if self.played == "calibration":
+            samples = self.calibration
+        else:
+            samples = np.stack([self.mended(pose) for pose in self.looked_at])
+        return played.loudspeaker_response(
+            samples[..., self.used, :],
+            self.probe,
+            positions=self.array.positions[self.used],
+            last=self.early_lags(0)[1],
+            speed_of_sound=self.speed_of_sound,
+        )
+
+    @property
+    def looked_at(self) -> list[int]:
+        """Poses from whose recordings `response` is taken: all of a short walk."""
+        count = len(self.poses)
+        places = np.linspace(0, count - 1, min(count, played.LOOKED_AT))
+        return list(map(int, np.unique(places.astype(int))))
 
     def _lost(self, poses: Sequence[int]) -> Array:
         """Return how many samples of some recordings are missing at their beginning, shape (B,)."""
@@ -197,8 +224,13 @@ class Survey:
     @cached_property
     def arrivals(self) -> Array:
         """The direct path at each microphone up to its gain, shape (M, N), as it is recorded."""
-        if self.direct != "calibration":
-            return direct_path.delayed(self.probe, self.array, speed_of_sound=self.speed_of_sound)
+        if self.direct == "calibration":
+            return self.calibration
+        return direct_path.delayed(self.probe, self.array, speed_of_sound=self.speed_of_sound)
+
+    @cached_property
+    def calibration(self) -> Array:
+        """The direct path as it was recorded alone, shape (M, N)."""
         length = self.probe.length
         samples = self._read_beside(CALIBRATION)[:, :length]
         silent = np.flatnonzero(~samples.any(axis=1)) + 1

@@ -1,0 +1,92 @@
+"""The burst as the loudspeaker plays it: `played=calibration`, or `played=walk`.
+
+A loudspeaker of response h plays s * h. The matched filter of that is the matched filter r of s,
+
+    sum_n y(n + tau) (s * h)(n) = sum_k h(k) r(tau + k),
+
+so recordings are filtered by the reversed response, y'(n) = sum_k h(k) y(n + k), and what comes
+after them, probe, localizer, columns, bundle, stays what it is. In white noise this is the filter
+of the largest signal-to-noise ratio (Turin 1960), and the time of an echo is where it was: the
+filter undoes the phase of h. Noise that is known (`noise.wav`) is left as it was recorded, since
+whitened recordings want the matched filter over the density of their own noise.
+
+The response is that of the direct sound (`early.early_responses`), each microphone's moved back by
+the way to it, in phase, times its distance; averaged over microphones and, of a walk, recordings,
+what is not common to them, echoes, noise, the robot's body, fades. It ends before the first echo
+can come.
+"""
+
+import numpy as np
+from scipy import fft
+
+from echolearn.acoustics.types import Array, Probe
+from echolearn.survey.early import early_responses
+
+AHEAD = 12
+AFTER = 48
+"""Samples of the response before and after the way from loudspeaker to microphone."""
+
+FADE = 16
+"""Samples at the end of a response over which it fades."""
+
+LOOKED_AT = 64
+"""Recordings of a walk, at most, that are averaged."""
+
+WAYS = ("calibration", "walk")
+"""Where the response is taken from."""
+
+
+def loudspeaker_response(
+    samples: Array, probe: Probe, *, positions: Array, last: int, speed_of_sound: float
+) -> Array:
+    """Return what the loudspeaker plays of an impulse, of energy 1, shape (AHEAD + AFTER + 1,).
+
+    Args:
+        samples: recordings of its direct sound, shape (..., M, N).
+        probe: the burst.
+        positions: microphones around the loudspeaker, shape (M, 3), in m.
+        last: lag after the last at which no echo comes.
+        speed_of_sound: in m/s.
+    """
+    ways = np.linalg.norm(positions, axis=1) * probe.sample_rate / speed_of_sound
+    first = max(int(ways.min()) - AHEAD, 0)
+    responses = early_responses(samples, probe, lags=(first, last), penalty=0.0)
+
+    # What is moved to before lag 0 comes round at the end.
+    size = fft.next_fast_len(responses.shape[-1] + int(ways.max()) + 2 * (AHEAD + AFTER), real=True)
+    earlier = np.exp(2j * np.pi * (ways - first)[:, None] * fft.rfftfreq(size))
+    moved = fft.irfft(fft.rfft(responses, size) * earlier * ways[:, None], size)
+    common = moved.mean(axis=tuple(range(moved.ndim - 1)))
+    response = np.roll(common, AHEAD)[: AHEAD + AFTER + 1]
+    response[-FADE:] *= np.hanning(2 * FADE + 1)[FADE + 1 :]
+    return np.asarray(response / np.linalg.norm(response))
+
+
+def as_played(samples: Array, response: Array) -> Array:
+    """Return recordings (..., N) filtered by a reversed response, silence beyond their ends.
+
+    Args:
+        samples: shape (..., N).
+        response: of the loudspeaker (`loudspeaker_response`).
+    """
+    length = samples.shape[-1]
+    size = fft.next_fast_len(length + len(response), real=True)
+    spectrum = fft.rfft(samples, size) * fft.rfft(response, size).conj()
+    filtered: Array = np.roll(fft.irfft(spectrum, size), AHEAD, axis=-1)[..., :length]
+    return filtered
+
+
+def told(way: str, response: Array, *, recordings: int) -> str:
+    """Return the line on what echoes are sought by.
+
+    Args:
+        way: one of `WAYS`.
+        response: of the loudspeaker.
+        recordings: number of those it was taken from.
+    """
+    crest = 100 * float(np.max(response**2))
+    source = "calibration.wav" if way == "calibration" else f"{recordings} recordings"
+    return (
+        f"played={way}: echoes are sought by the burst as the loudspeaker plays it, of {source}; "
+        f"the crest of its response holds {crest:.0f} % of the energy"
+    )
