@@ -343,7 +343,7 @@ def test_swept_names_are_what_was_typed_and_so_are_names_of_plans() -> None:
 
 NAMES = """
 s/küche|s/x'y|s/a=b|s/(a)|~/x|a;b|a#b|room (1)|room(1)|room[1]|[room]|{a}|(a)|glob(x)|range(3)|a,b
-a, b|x {1}|a"b|it's|a\\'b|a\\|a$b|a`b|!a|a & b|日本 😀|a:b|50%|a*|a?|ä=(1), [2]|null|a${b}|${a}|<a>
+a, b|x {1}|a"b|it's|a\\'b|a\\|a$b|a`b|!a|a & b|日本 😀|a:b|50%|a*|a?|ä=(1), [2]|null|NULL|a${b}|${a}|<a>
 """
 
 
@@ -368,7 +368,7 @@ def test_what_hydra_reads_otherwise_is_quoted_twice(path: str) -> None:
     [(_, swept)] = compose("map", [word], many=True)
     assert swept["survey"] == path
     assert without_hydra("map", word)["survey"] == path
-    if path != "null":
+    if path.lower() != "null":
         assert without_hydra("map", f"survey={path}")["survey"] == path
 
 

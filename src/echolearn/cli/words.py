@@ -59,7 +59,7 @@ def read_value(word: str, default: Any) -> Any:
     """
     key, _, value = word.partition("=")
     value = value.strip()
-    if value == "null":
+    if value.lower() == "null":
         if default is not None:
             raise UsageError(f"{word}: {key} cannot be null")
         return None

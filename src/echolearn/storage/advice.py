@@ -38,7 +38,7 @@ PATHS = ("survey", "bundle", "run", "best", "readme", "page", "folder", "diffuse
 
 def assignment(key: str, value: str) -> str:
     """Return a word of the command line that sets a key to a text, whatever is in it."""
-    if re.fullmatch(r"[A-Za-z0-9_./-]+", value) and value != "null":
+    if re.fullmatch(r"[A-Za-z0-9_./-]+", value) and value.lower() != "null":
         return f"{key}={value}"
     # Backslashes count only before a quote, the one at the end included, and before ${.
     escaped = re.sub(r"(\\*)('|\Z)", lambda found: 2 * found[1] + found[2], value)
