@@ -157,7 +157,7 @@ def measured() -> Case:
         response = take.response
         rng = np.random.default_rng(0)
         late = protocols.recorded(take, source, probe=PROBE, snr_db=None, rng=rng)
-        samples = protocols.resampled(source, response.samples, RATE)
+        samples = protocols.resampled(source, response.samples, rate=RATE)
         gate = (response.emitted + (response.distance + protocols.GATE) / 343.0) * RATE
         early_part = np.where(np.arange(samples.shape[-1]) < gate, samples, 0.0)
         away = np.linalg.norm(response.loudspeaker - source.array.positions, axis=1)

@@ -1,10 +1,13 @@
 """What arrives before the first echo: fitted as long sums say, then gone, and nothing else."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import direct_paths
 from echolearn.acoustics.geometry import SearchWindow, circular_array
 from echolearn.acoustics.probes import mls_probe, sweep_probe
 from echolearn.acoustics.signals import convolve, matched_filter, noise_probe, power
@@ -110,6 +113,30 @@ def test_what_was_lost_is_not_there_to_be_subtracted() -> None:
     assert power(left) < 1e-6 * power(whole)
     assert not left[:25].any()
     assert power(without_early(cut, PROBE, lags=LAGS)) > 100 * power(left)
+
+
+def test_a_loudspeaker_that_rings_leaves_the_echoes_of_a_room_where_they_are(
+    tmp_path: Path,
+) -> None:
+    """In silence: what the table of direct paths shows of a hundred poses and more, of eight."""
+    poses = direct_paths.places(8, np.random.default_rng(4))
+    heard_there = direct_paths.case(direct_paths.CASES["all of these"], poses)
+    survey = direct_paths.write(tmp_path / "walk", heard_there.received, heard_there)
+    right = {
+        way: direct_paths.right(direct_paths.without_direct(survey, way), heard_there.truths)
+        for way in ("fir", "fitted")
+    }
+    assert right["fir"].all()
+    assert not right["fitted"].all()
+
+
+def test_measured_responses_are_as_a_robot_would_record_them() -> None:
+    """The direct sound of a pulse from the array's middle, within a sample of the way."""
+    recorded = direct_paths.measured()
+    assert recorded.received.shape == (90, 6, direct_paths.PROBE.length)
+    way = 0.048 * direct_paths.RATE / 343.0
+    r = matched_filter(recorded.received[::9], direct_paths.PROBE, first=0, last=300)
+    assert np.abs(np.abs(r).argmax(axis=-1) - way).max() < 1.5
 
 
 LONG = {
