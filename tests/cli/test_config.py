@@ -343,7 +343,8 @@ def test_swept_names_are_what_was_typed_and_so_are_names_of_plans() -> None:
 
 NAMES = """
 s/küche|s/x'y|s/a=b|s/(a)|~/x|a;b|a#b|room (1)|room(1)|room[1]|[room]|{a}|(a)|glob(x)|range(3)|a,b
-a, b|x {1}|a"b|it's|a\\'b|a\\|a$b|a`b|!a|a & b|日本 😀|a:b|50%|a*|a?|ä=(1), [2]|null|NULL|a${b}|${a}|<a>
+a, b|x {1}|a"b|it's|a\\'b|a\\|a$b|a`b|!a|a & b|日本 😀|a:b|50%|a*|a?|ä=(1), [2]|null|NULL
+a${b}|${a}|<a>
 """
 
 

@@ -13,8 +13,9 @@ from echolearn.acoustics.signals import matched_filter, noise_probe
 from echolearn.acoustics.types import Array, Probe
 from echolearn.survey import direct_path
 from echolearn.survey.audio import wav_bytes
+from echolearn.survey.early import loudspeaker_response
 from echolearn.survey.mending import taken_off
-from echolearn.survey.played import AFTER, AHEAD, as_played, loudspeaker_response
+from echolearn.survey.played import AFTER, AHEAD, as_played
 from echolearn.survey.reader import read_survey
 
 BURST = noise_probe(length=3000)

@@ -69,8 +69,7 @@ def map_survey(
         resample: bring recordings of another sample rate to the bundle's.
         direct: how to remove a direct path that is present, one of `direct_path.REMOVALS`; None
             takes the first that can be: `calibration` where it was recorded, else `fir`.
-        played: where the burst as the loudspeaker plays it is taken from, `calibration` or `walk`,
-            to seek echoes by that; None seeks them by `probe.wav`.
+        played: `calibration` or `walk`: its burst as played is sought; None: that of `probe.wav`.
         ros: also write a bag for ROS 2.
         without: numbers of microphones that are left out, from 1.
         gains: a factor for each microphone.
@@ -83,14 +82,12 @@ def map_survey(
     writers = _writers(ros)
     check_number("resolution", resolution, low=0.005, high=1.0, unit="m")
     folder = _folder(runs, survey, bundle=bundle, name=name)
-
     sign = (localizer or {}).get("sign")
     scorer = seeking(load(bundle), sign)
     walk = open_survey(Path(survey), scorer.bundle, resample=resample, direct=direct, played=played)
     walk = with_gains(walk, scorer.bundle, without=without, gains=gains)
     asked = {"direct": direct, "ros": ros or None, "resolution": float(resolution), "sign": sign}
-    asked |= {"played": played}
-    order = _Order(scorer, walk, asked=asked, writers=writers)
+    order = _Order(scorer, walk, asked=asked | {"played": played}, writers=writers)
     finished = partial(finished_map, folder, order.inputs)
     make = partial(order.make, folder, command=command)
     report(once(folder, finished=finished, make=make, doing="writes it"))

@@ -27,6 +27,7 @@ from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import check
+from echolearn.survey.played import AFTER, AHEAD, FADE
 
 BEFORE = 6
 """Lags before the direct path's at which a response may begin: between samples it rings."""
@@ -162,3 +163,29 @@ def _solved(factor: Array, values: Array, *, transposed: bool = False) -> Array:
     columns = values.reshape(-1, values.shape[-1]).T
     found = linalg.solve_triangular(factor, columns, lower=True, trans=int(transposed))
     return np.ascontiguousarray(found.T).reshape(values.shape)
+
+
+def loudspeaker_response(
+    samples: Array, probe: Probe, *, positions: Array, last: int, speed_of_sound: float
+) -> Array:
+    """Return what the loudspeaker plays of an impulse, of energy 1, shape (AHEAD + AFTER + 1,).
+
+    Args:
+        samples: recordings of its direct sound, shape (..., M, N).
+        probe: the burst.
+        positions: microphones around the loudspeaker, shape (M, 3), in m.
+        last: lag after the last at which no echo comes.
+        speed_of_sound: in m/s.
+    """
+    ways = np.linalg.norm(positions, axis=1) * probe.sample_rate / speed_of_sound
+    first = max(int(ways.min()) - AHEAD, 0)
+    responses = early_responses(samples, probe, lags=(first, last), penalty=0.0)
+
+    # What is moved to before lag 0 comes round at the end.
+    size = fft.next_fast_len(responses.shape[-1] + int(ways.max()) + 2 * (AHEAD + AFTER), real=True)
+    earlier = np.exp(2j * np.pi * (ways - first)[:, None] * fft.rfftfreq(size))
+    moved = fft.irfft(fft.rfft(responses, size) * earlier * ways[:, None], size)
+    common = moved.mean(axis=tuple(range(moved.ndim - 1)))
+    response = np.roll(common, AHEAD)[: AHEAD + AFTER + 1]
+    response[-FADE:] *= np.hanning(2 * FADE + 1)[FADE + 1 :]
+    return np.asarray(response / np.linalg.norm(response))

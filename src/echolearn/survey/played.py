@@ -19,8 +19,7 @@ can come.
 import numpy as np
 from scipy import fft
 
-from echolearn.acoustics.types import Array, Probe
-from echolearn.survey.early import early_responses
+from echolearn.acoustics.types import Array
 
 AHEAD = 12
 AFTER = 48
@@ -36,38 +35,12 @@ WAYS = ("calibration", "walk")
 """Where the response is taken from."""
 
 
-def loudspeaker_response(
-    samples: Array, probe: Probe, *, positions: Array, last: int, speed_of_sound: float
-) -> Array:
-    """Return what the loudspeaker plays of an impulse, of energy 1, shape (AHEAD + AFTER + 1,).
-
-    Args:
-        samples: recordings of its direct sound, shape (..., M, N).
-        probe: the burst.
-        positions: microphones around the loudspeaker, shape (M, 3), in m.
-        last: lag after the last at which no echo comes.
-        speed_of_sound: in m/s.
-    """
-    ways = np.linalg.norm(positions, axis=1) * probe.sample_rate / speed_of_sound
-    first = max(int(ways.min()) - AHEAD, 0)
-    responses = early_responses(samples, probe, lags=(first, last), penalty=0.0)
-
-    # What is moved to before lag 0 comes round at the end.
-    size = fft.next_fast_len(responses.shape[-1] + int(ways.max()) + 2 * (AHEAD + AFTER), real=True)
-    earlier = np.exp(2j * np.pi * (ways - first)[:, None] * fft.rfftfreq(size))
-    moved = fft.irfft(fft.rfft(responses, size) * earlier * ways[:, None], size)
-    common = moved.mean(axis=tuple(range(moved.ndim - 1)))
-    response = np.roll(common, AHEAD)[: AHEAD + AFTER + 1]
-    response[-FADE:] *= np.hanning(2 * FADE + 1)[FADE + 1 :]
-    return np.asarray(response / np.linalg.norm(response))
-
-
 def as_played(samples: Array, response: Array) -> Array:
     """Return recordings (..., N) filtered by a reversed response, silence beyond their ends.
 
     Args:
         samples: shape (..., N).
-        response: of the loudspeaker (`loudspeaker_response`).
+        response: of the loudspeaker (`early.loudspeaker_response`).
     """
     length = samples.shape[-1]
     size = fft.next_fast_len(length + len(response), real=True)

@@ -148,12 +148,12 @@ class Survey:
 
     @cached_property
     def response(self) -> Array:
-        """What the loudspeaker plays of an impulse, as `played.loudspeaker_response` has it."""
+        """What the loudspeaker plays of an impulse, as `early.loudspeaker_response` has it."""
         if self.played == "calibration":
             samples = self.calibration
         else:
             samples = np.stack([self.mended(pose) for pose in self.looked_at])
-        return played.loudspeaker_response(
+        return early.loudspeaker_response(
             samples[..., self.used, :],
             self.probe,
             positions=self.array.positions[self.used],
