@@ -4,6 +4,7 @@ models that were made for another robot are rows that say so."""
 import csv
 import shutil
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,13 @@ from echolearn.acoustics.rooms import outline, true_echoes
 from echolearn.acoustics.types import Array, MicArray
 from echolearn.checks import BadValue
 from echolearn.comparison.compare import compare, load_inputs
-from echolearn.comparison.evaluate import evaluate
+from echolearn.comparison.evaluate import evaluate, evaluate_measured
 from echolearn.comparison.finding import find_survey
 from echolearn.comparison.fitting import OTHER_ARRAY, OTHER_RATE, misfit, robot_of
 from echolearn.comparison.localized import localized
 from echolearn.comparison.measured import grouped, measure
-from echolearn.evaluation.rows import Row, pick
+from echolearn.evaluation.rows import OTHER_LOCALIZER, Row, pick
+from echolearn.localization.methods.gated import Gated
 from echolearn.survey.poses import poses_csv
 from echolearn.survey.reader import read_survey
 from echolearn.survey.truth import truth_csv
@@ -149,6 +151,35 @@ def test_who_was_trained_for_another_array_is_a_row_that_says_so(rows: list[Row]
     assert all(np.isnan(row["value"]) and row["n"] == 0 for row in learned)
     assert {row["classifier"] for row in learned} == set(CLASSIFIERS)
     assert pick(here, classifier="chance", metric="auc", seed="")
+
+
+@dataclass(frozen=True)
+class Deaf(Gated):
+    """Works on no array."""
+
+    def __call__(self, *given: Any, **more: Any) -> Any:
+        raise BadValue("microphones=6: must be 7")
+
+
+def test_a_localizer_that_cannot_work_is_a_row_that_says_so(
+    world: World, walks: Mapping[str, Path], capfd: pytest.CaptureFixture[str]
+) -> None:
+    deaf = {"deaf": Deaf(world.arguments["localizers"]["gated"].window, 36)}
+    inputs = load_inputs(
+        world.runs, tested=["offgrid_hall"], surveys=[str(walks["loud"])], localizers=deaf
+    )
+    found = evaluate_measured(
+        inputs.models,
+        "hall",
+        folders=[walks["loud"]],
+        localizers=deaf,
+        name="deaf",
+        robots=inputs.robots,
+        resamples=30,
+    )
+    assert {row["metric"] for row in found.rows} == {OTHER_LOCALIZER}
+    assert len(found.rows) == len(inputs.models) and found.measured is None
+    assert capfd.readouterr().err == "hall, deaf: microphones=6: must be 7\n"
 
 
 def test_a_comparison_shows_measured_columns_and_its_columns_stay(
