@@ -89,7 +89,7 @@ def test_the_same_run_gives_the_same_bytes_once_and_a_damaged_bundle_is_mended(
     again()
     assert {path.name: path.stat().st_ino for path in folder.iterdir()} == before
     (folder / "model.onnx").write_bytes(b"torn")
-    (folder / ".model.onnx.0123.tmp").write_bytes(b"left by a killed writer")
+    (folder / ".model.onnx.0123456789ab.tmp").write_bytes(b"left by a killed writer")
     again()
     assert content(folder) == content(packed)
     (folder / "bundle.json").unlink()  # interrupted before the end
