@@ -97,8 +97,14 @@ def convolve(samples: Array, response: Array, *, length: int) -> Array:
     """
     # As long as the whole convolution, so that its end does not wrap around to the beginning.
     size = fft.next_fast_len(len(samples) + response.shape[-1] - 1, real=True)
-    full = fft.irfft(fft.rfft(samples, size) * fft.rfft(response, size), size)[..., :length]
-    return np.pad(full, [(0, 0)] * (full.ndim - 1) + [(0, length - full.shape[-1])])
+    burst = fft.rfft(samples, size)
+    result = np.zeros((*response.shape[:-1], length))
+    # One response after the other: what belongs to one stays in the processor's cache.
+    for place in np.ndindex(response.shape[:-1]):
+        spectrum = np.multiply(burst, fft.rfft(response[place], size))
+        whole = fft.irfft(spectrum, size, overwrite_x=True)
+        result[place][:size] = whole[:length]
+    return result
 
 
 def noise_psd(recording: Array, *, frame: int = STFT_FRAME) -> Array:

@@ -64,22 +64,22 @@ def records(plan: Plan, rows: range) -> Array:
 
     scene = plan.scene
     spots: list[Spot] = []
-    samples = []
-    for row in rows:
+    samples = np.empty((len(rows), len(scene.array), scene.probe.length))
+    for number, row in enumerate(rows):
         rng = stream(plan.seed, "observation", row)
         spot = plan.spot(row, rng)
-        real, drawn = realistic(scene, plan.realism, rng=stream(plan.seed, "realism", row))
-        spot = replace(spot, gain_db=spot.gain_db + drawn.get("gain_db", 0.0), drawn=drawn)
+        real, spot = _real(spot, plan, row)
 
         # Responses take most of the time; successive rows of one position share them if they can.
-        if drawn or not spots or spot.group != spots[-1].group:
+        if spot.drawn or not spots or spot.group != spots[-1].group:
             check_inside(spot.room, spot.pose, array=scene.array)
             received = real.received(spot.room, spot.pose)
-        recorded = add_noise(received, real, levels=spot.levels, rng=rng, gain_db=spot.gain_db)
+        samples[number] = add_noise(
+            received, real, levels=spot.levels, rng=rng, gain_db=spot.gain_db
+        )
         spots.append(spot)
-        samples.append(recorded)
 
-    observation = Observation(np.stack(samples), scene.probe, scene.array, scene.speed_of_sound)
+    observation = Observation(samples, scene.probe, scene.array, scene.speed_of_sound)
     if plan.localizer.whiten:
         rng = stream(plan.seed, "noise alone", rows[0])
         observation = _with_noise(observation, spots[0], scene=real, rng=rng)
@@ -93,6 +93,15 @@ def records(plan: Plan, rows: range) -> Array:
     known = [labels(found, spot, scene) for found, spot in zip(estimates, spots, strict=True)]
     columns |= {name: np.concatenate([each[name] for each in known]) for name in known[0]}
     return _structured(columns)
+
+
+def _real(spot: Spot, plan: Plan, row: int) -> tuple[Scene, Spot]:
+    """Return the scene of a row with what is not ideal about it, and the spot that tells it."""
+    if plan.realism.clean:
+        return plan.scene, spot
+    rng = stream(plan.seed, "realism", row)
+    scene, drawn = realistic(plan.scene, plan.realism, rng=rng)
+    return scene, replace(spot, gain_db=spot.gain_db + drawn["gain_db"], drawn=drawn)
 
 
 def _with_noise(

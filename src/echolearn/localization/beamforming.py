@@ -23,6 +23,9 @@ from echolearn.acoustics.geometry import direction, far_field_delays
 from echolearn.acoustics.types import Array, MicArray, Observation
 from echolearn.localization.silence import alike
 
+CACHED = 4
+"""Recordings whose covariances are inverted together."""
+
 
 def azimuth_grid(azimuths: int) -> Array:
     """Return `azimuths` directions evenly over the circle, from -pi, in rad."""
@@ -56,7 +59,13 @@ def covariance(spectra: Array) -> Array:
 
 def recording_covariance(observation: Observation) -> Array:
     """Return R of the whole recording per STFT bin (Eq. 17), shape (B, F, M, M), complex64."""
-    return covariance(signals.stft(observation.samples.astype(np.float32)))
+    samples = observation.samples
+    bins = signals.STFT_FRAME // 2 + 1
+    found = np.empty((len(samples), bins, *2 * samples.shape[1:2]), dtype=np.complex64)
+    # One recording after the other: the spectra of one stay in the processor's cache.
+    for row, recording in enumerate(samples):
+        found[row] = covariance(signals.stft(recording.astype(np.float32)))
+    return found
 
 
 def regularize(covariances: Array, gamma: float) -> Array:
@@ -145,7 +154,13 @@ def mpdr_power(covariances: Array, weights: Array, *, gamma: float) -> Array:
         weights: packed steering, shape (F, M*M, A), from `steering_weights`.
         gamma: regularisation of Eq. 18.
     """
-    return np.sum(1.0 / quadratic(invert(regularize(covariances, gamma)), weights), axis=0)
+    planes = np.empty((covariances.shape[-1] ** 2, *covariances.shape[:2]), dtype=weights.dtype)
+    packed = np.moveaxis(planes, 0, -1)
+    # A few at a time stay in the processor's cache.
+    for start in range(0, len(covariances), CACHED):
+        part = covariances[start : start + CACHED]
+        packed[start : start + CACHED] = pack_hermitian(invert(regularize(part, gamma)))
+    return np.sum(1.0 / (np.moveaxis(packed, -2, 0) @ weights), axis=0)
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ HALF_WIDTH = 40
 """Half width of phi, in samples."""
 
 REACH = HALF_WIDTH + 4
-"""Half width of q, in samples: dividing by psi widens phi a little."""
+"""Half width of q, in samples, even: dividing by psi widens phi a little."""
 
 TAPS = 8
 """Width of psi, in samples of the grid."""
@@ -189,11 +189,17 @@ def _filter_down(grid: Any, q: Any, response: Any) -> None:
         ahead = even[start + half :]
         for n in range(len(block)):
             block[n] = q[2 * half] * ahead[n]
-        for j in range(half):
+        # Four at a time, in the order of one at a time: a block is read and written less often.
+        for j in range(0, half, 4):
             first = even[start + j :]
             second = odd[start + j :]
             for n in range(len(block)):
-                block[n] += q[2 * j] * first[n] + q[2 * j + 1] * second[n]
+                total = block[n]
+                total += q[2 * j] * first[n] + q[2 * j + 1] * second[n]
+                total += q[2 * j + 2] * first[n + 1] + q[2 * j + 3] * second[n + 1]
+                total += q[2 * j + 4] * first[n + 2] + q[2 * j + 5] * second[n + 2]
+                total += q[2 * j + 6] * first[n + 3] + q[2 * j + 7] * second[n + 3]
+                block[n] = total
 
 
 @njit(error_model="numpy", nogil=True)

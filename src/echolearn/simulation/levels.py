@@ -91,7 +91,8 @@ def noises(
     # The sensor noise comes first, so that a diffuse field beside it changes none of its samples.
     if levels.snr_db is not None:
         amplitude = np.sqrt(strength * 10.0 ** (-levels.snr_db / 10.0))
-        total += amplitude[:, None] * _mean(scene.noise, scene.array, pings=levels.pings, **draw)
+        total = _mean(scene.noise, scene.array, pings=levels.pings, **draw)
+        total *= amplitude[:, None]
 
     # One factor for all microphones: a level for each would destroy the proportions of the field.
     if scene.diffuse is not None and levels.sdnr_db is not None:

@@ -71,7 +71,11 @@ def add_noise(
         gain_db: gain of the recording, signal and noise alike.
     """
     noise = noises(received, scene, length=scene.probe.length, levels=levels, rng=rng)
-    return 10.0 ** (gain_db / 20.0) * (received - scene.direct + noise)
+    # In place: a recording is a megabyte.
+    recorded = received - scene.direct
+    recorded += noise
+    recorded *= 10.0 ** (gain_db / 20.0)
+    return recorded
 
 
 def noise_alone(
