@@ -35,7 +35,7 @@ TOWARD = st.tuples(st.floats(-math.pi, math.pi), st.floats(0.0, math.pi)).map(
 def test_two_directions_become_one_just_where_no_delay_tells_them_apart(shape, first, second):
     """The nearest of those that sound as one does is as far from another as what they become."""
     array = SHAPES[shape]
-    one, other = arrays.distinct(array, np.array([first, second]))
+    one, other = arrays.representative(array, np.array([first, second]))
     assert np.linalg.norm(one) == pytest.approx(1.0)
     for toward, become in ((first, one), (second, other)):
         before, after = geometry.relative_delays(array, np.array([toward, become]), scale=1.0)
@@ -66,7 +66,7 @@ def sounding_alike(array, toward):
 @given(TOWARD)
 def test_of_a_ring_only_the_sign_of_z_is_lost_bit_by_bit(toward):
     expected = np.array([toward[0], toward[1], abs(toward[2])])
-    assert np.array_equal(arrays.distinct(RING, toward), expected)
+    assert np.array_equal(arrays.representative(RING, toward), expected)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from echolearn.comparison.evaluate import evaluate, evaluate_measured
 from echolearn.comparison.finding import find_survey
 from echolearn.comparison.fitting import OTHER_ARRAY, OTHER_RATE, misfit, robot_of
 from echolearn.comparison.localized import localized
-from echolearn.comparison.measured import grouped, measure
+from echolearn.comparison.measured import grouped, measured_rows
 from echolearn.evaluation.rows import OTHER_LOCALIZER, Row, pick
 from echolearn.localization.methods.gated import Gated
 from echolearn.survey.poses import poses_csv
@@ -123,7 +123,9 @@ def test_labels_and_metrics_are_those_of_a_slow_look(
     assert one(rows, metric="precision", **every)["value"] == pytest.approx(np.mean(both))
     assert one(rows, metric="time_precision", **every)["value"] == pytest.approx(np.mean(timed))
     assert one(rows, metric="true_retention", **every)["value"] == 1.0
-    measured = measure("hall", [walks["loud"], walks["quiet"]], gated, name="gated", resamples=30)
+    measured = measured_rows(
+        "hall", [walks["loud"], walks["quiet"]], gated, name="gated", resamples=30
+    )
     assert measured.label == "time_and_direction" and measured.places == SOME // 3
     assert measured.labelled.reference.tolist() == both
     # Rows of a place go together into a resample, whatever their level.
@@ -135,7 +137,7 @@ def test_walls_label_what_has_no_table_of_echoes(
     walks: Mapping[str, Path], rows: list[Row], world: World
 ) -> None:
     gated = world.arguments["localizers"]["gated"]
-    measured = measure("walled", [walks["walled"]], gated, name="gated", resamples=30)
+    measured = measured_rows("walled", [walks["walled"]], gated, name="gated", resamples=30)
     assert measured.label == "on_map" and measured.by_time is None
     kept = one(rows, tested_on="walled", classifier="keep_everything", metric="precision")
     assert kept["value"] == pytest.approx(measured.labelled.reference.mean())

@@ -58,7 +58,7 @@ def missed(echoes: Echoes, array: MicArray, normals: Array, distance: float) -> 
     """Return by how much directions are missed, but for what the array cannot tell, in degrees."""
     found = direction(echoes.azimuth[:, 0], echoes.elevation[:, 0])
     truth = bistatic.echo_direction(np.full(len(normals), distance), normals, array=array)
-    alike = (arrays.distinct(array, found) * arrays.distinct(array, truth)).sum(axis=-1)
+    alike = (arrays.representative(array, found) * arrays.representative(array, truth)).sum(axis=-1)
     return np.degrees(np.arccos(np.clip(alike, -1.0, 1.0)))
 
 

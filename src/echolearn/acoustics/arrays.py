@@ -34,7 +34,7 @@ def _exact(vectors: Array) -> Array:
     return np.asarray(cut / np.linalg.norm(cut, axis=-1, keepdims=True))
 
 
-def distinct(array: MicArray, toward: Array) -> Array:
+def representative(array: MicArray, toward: Array) -> Array:
     """Return one direction for all that an array cannot tell apart.
 
     Two directions are as far from one another for the array as these are: across a plane the sign
@@ -76,8 +76,8 @@ def tells_azimuth(array: MicArray) -> bool:
 
 def tells_up(array: MicArray) -> bool:
     """Tell whether an array hears what comes from above otherwise than what comes from below."""
-    above = distinct(array, np.array([0.0, 0.0, 1.0]))
-    below = distinct(array, np.array([0.0, 0.0, -1.0]))
+    above = representative(array, np.array([0.0, 0.0, 1.0]))
+    below = representative(array, np.array([0.0, 0.0, -1.0]))
     return bool(above @ below < 1.0 - FLAT)
 
 

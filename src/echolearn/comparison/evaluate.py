@@ -17,7 +17,7 @@ from echolearn.comparison.fitting import (
     unfit_rows,
 )
 from echolearn.comparison.localized import localize_survey
-from echolearn.comparison.measured import Unheard, grouped, is_mapped, measure
+from echolearn.comparison.measured import Unheard, grouped, is_mapped, measured_rows
 from echolearn.comparison.tables import SHOWN_DB
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import pairs, scoring
@@ -225,7 +225,7 @@ def evaluate_measured(
     """
     models, unfit = split_fitting(models, robots, robot_at(folders[0]))
     try:
-        measured = measure(group, folders, localizers[name], name=name, resamples=resamples)
+        measured = measured_rows(group, folders, localizers[name], name=name, resamples=resamples)
     except Unheard as error:
         print(f"{group}, {name}: {error}", file=sys.stderr, flush=True)
         source = Recordings(group, kind="measured", localizer=name)

@@ -76,7 +76,7 @@ def grouped(folders: Mapping[str, Path]) -> dict[str, list[Path]]:
     return named
 
 
-def measure(
+def measured_rows(
     group: str, folders: Sequence[Path], localizer: Localizer, *, name: str, resamples: int
 ) -> MeasuredRows:
     """Localize and describe every recording of some surveys, and label its echoes.
@@ -95,7 +95,7 @@ def measure(
     heard = []
     for folder in folders:
         survey = replace(reader.read_survey(folder), window=localizer.window)
-        heard.append(hear(survey, localizer))
+        heard.append(localized_echoes(survey, localizer))
     strict = joined([each.labels.strict for each in heard])
     by_time = joined([each.labels.by_time for each in heard])
     reference = by_time if strict is None else strict
@@ -139,7 +139,7 @@ def _labelled(
     )
 
 
-class Heard(NamedTuple):
+class LocalizedEchoes(NamedTuple):
     """The echoes of one survey, B rows.
 
     Attributes:
@@ -157,7 +157,7 @@ class Heard(NamedTuple):
     levels: Array
 
 
-def hear(survey: Survey, localizer: Localizer) -> Heard:
+def localized_echoes(survey: Survey, localizer: Localizer) -> LocalizedEchoes:
     """Return the echoes of a survey, described and labelled.
 
     Raises:
@@ -170,7 +170,7 @@ def hear(survey: Survey, localizer: Localizer) -> Heard:
     count = echoes.toa.shape[1]
     places = [place for place in places_of(survey) for _ in range(count)]
     levels = np.full(len(places), joint_snr_db(survey.conditions))
-    return Heard(survey, labels_of(survey, echoes), columns, places, levels)
+    return LocalizedEchoes(survey, labels_of(survey, echoes), columns, places, levels)
 
 
 def labels_of(survey: Survey, echoes: Echoes) -> Labels:

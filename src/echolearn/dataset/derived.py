@@ -30,7 +30,9 @@ def time_and_direction(
         several: whether an observation has several echoes, each with the `wall` it is matched to.
     """
     rate = plan["scene"]["probe"]["sample_rate"]
-    truth = true_echoes(gather("room"), gather("position"), gather("heading"), walls=present(plan))
+    truth = wall_directions(
+        gather("room"), gather("position"), gather("heading"), walls=present(plan)
+    )
     toa = gather("truth_toa")[:, : truth.azimuth.shape[1]]
     late = np.abs(gather("toa")[:, None] - toa)
     near = agree(truth, gather("azimuth")[:, None], gather("elevation")[:, None])[:, 0]
@@ -49,7 +51,7 @@ def present(plan: Mapping[str, Any]) -> Array:
     return np.array(plan.get("room", {}).get("walls", [1.0] * 6)) > 0
 
 
-def true_echoes(room: Array, position: Array, heading: Array, *, walls: Array) -> Truth:
+def wall_directions(room: Array, position: Array, heading: Array, *, walls: Array) -> Truth:
     """Return the directions of walls seen from the loudspeaker, fields (B, W); no times.
 
     Args:

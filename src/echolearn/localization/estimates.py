@@ -51,7 +51,7 @@ def joint_echoes(search: Search, peaks: Sequence[Peak]) -> Echoes:
     return from_upright_walls(matched, found, level=level)
 
 
-def of_walls(localizer: Any, observation: Observation, *, view: MatchedFilter | None) -> Echoes:
+def wall_echoes(localizer: Any, observation: Observation, *, view: MatchedFilter | None) -> Echoes:
     """Return the strongest echo of each recording that comes from a wall, fields (B, 1).
 
     Under a low ceiling the strongest of all comes from there or from the floor. Where it does,

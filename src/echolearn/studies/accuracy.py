@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn.acoustics.arrays import distinct
+from echolearn.acoustics.arrays import representative
 from echolearn.acoustics.bistatic import wall_points
 from echolearn.acoustics.geometry import SearchWindow, direction
 from echolearn.acoustics.polygon_room import AnyRoom
@@ -99,8 +99,8 @@ def is_right(estimates: Array, *, room: AnyRoom, pose: Pose, scene: Scene) -> Ar
     late = np.abs(toa[:, None] - truth.toa) * scene.probe.sample_rate
 
     # What an array cannot tell apart counts as one: up and down of a plane.
-    estimated = distinct(scene.array, direction(azimuth, elevation))
-    reference = distinct(scene.array, direction(truth.azimuth, truth.elevation))
+    estimated = representative(scene.array, direction(azimuth, elevation))
+    reference = representative(scene.array, direction(truth.azimuth, truth.elevation))
     away = np.degrees(np.arccos(np.clip(estimated @ reference.T, -1.0, 1.0)))
 
     # Walls within the tolerance come before all others, and among them the direction decides.

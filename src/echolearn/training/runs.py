@@ -22,7 +22,7 @@ FORMAT = 4
 """Version of the run folder; part of every digest."""
 
 
-def check_inputs(name: str, value: Any) -> None:
+def check_input_names(name: str, value: Any) -> None:
     """Raise `BadValue` unless a value lists columns that are there once, or one tensor."""
     check_list(name, value)
     columns = all(each in COLUMNS for each in value[: len(COLUMNS)])
@@ -39,7 +39,7 @@ TABLE: dict[str, Any] = {
     "role": ("baseline", "learned"),
     "method": check_text,
     "data": check_text,
-    "inputs": check_inputs,
+    "inputs": check_input_names,
     "threshold": check_number,
     "model": {"sha256": check_text, "parity": check_number, "trials": check_number},
 } | {key: FIELDS[key] for key in ("target", "seed", "split", "test_share")}

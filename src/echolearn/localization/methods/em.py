@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
-from echolearn.localization.estimates import joint_echoes, of_walls
+from echolearn.localization.estimates import joint_echoes, wall_echoes
 from echolearn.localization.localizer import check_arguments, check_directions, prepare
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import expect_maximize, relax
@@ -57,7 +57,7 @@ class Em:
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         if isinstance(self.echoes, str):
-            return of_walls(self, observation, view=view)
+            return wall_echoes(self, observation, view=view)
         matched = prepare(self, observation, view=view, whole=False, reference=False)
         # One over the noise power makes the sum of correlations the likelihood.
         weights = noise_weights(matched.observation, matched.silent) if self.weigh else None

@@ -27,9 +27,9 @@ from echolearn.localization.beamforming import invert, regularize
 from echolearn.localization.correlations import PAD, interpolate
 from echolearn.localization.estimates import (
     from_upright_walls,
-    of_walls,
     on_no_axis,
     reference_echoes,
+    wall_echoes,
 )
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import GATE, MatchedFilter, check_extent
@@ -68,7 +68,7 @@ class Gated:
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         if isinstance(self.echoes, str):
-            return of_walls(self, observation, view=view)
+            return wall_echoes(self, observation, view=view)
         matched = prepare(self, observation, view=view, whole=False, reference=True)
         check_extent(matched)
         times = reference_echoes(matched, self.echoes)

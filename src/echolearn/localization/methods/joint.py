@@ -16,7 +16,7 @@ import numpy as np
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.localization.correlations import PAD
-from echolearn.localization.estimates import joint_echoes, of_walls
+from echolearn.localization.estimates import joint_echoes, wall_echoes
 from echolearn.localization.localizer import check_arguments, check_directions, prepare, returned
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import relax
@@ -58,7 +58,7 @@ class Joint:
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         if isinstance(self.echoes, str):
-            return of_walls(self, observation, view=view)
+            return wall_echoes(self, observation, view=view)
         if self.whiten == "spatial":
             return self._weighted(observation)
         matched = prepare(self, observation, view=view, whole=False, reference=False)
