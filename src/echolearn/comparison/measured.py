@@ -118,7 +118,7 @@ def measured_rows(
 
 
 def _labelled(
-    heard: Sequence["Heard"], reference: Array, *, source: Recordings, resamples: int
+    heard: Sequence["LocalizedEchoes"], reference: Array, *, source: Recordings, resamples: int
 ) -> LabelledRows:
     """Return the echoes of some surveys with their labels.
 
