@@ -33,10 +33,10 @@ FINER = 2
 BESIDE = 16
 """Lags on either side of those that are read, for what lies between samples."""
 
-SEEN = 6.5
-"""Height of a sum over its noise from which an echo tells: noise reaches 5."""
+SEEN = 8.0
+"""Height of a sum over its noise from which an echo tells: with two exchanged noise reaches 6.5."""
 
-SURE = 2.0
+SURE = 2.4
 CLEAR = 5.0
 """T, and T times the sum of z, from which microphones are exchanged; sound walks reach 2 and 1.4.
 """
