@@ -156,7 +156,7 @@ def measured() -> Case:
     for take in made:
         response = take.response
         rng = np.random.default_rng(0)
-        late = protocols.recorded(take, source, probe=PROBE, snr_db=None, rng=rng)
+        late = protocols.recorded_take(take, source, probe=PROBE, snr_db=None, rng=rng)
         samples = protocols.resampled(source, response.samples, rate=RATE)
         gate = (response.emitted + (response.distance + protocols.GATE) / 343.0) * RATE
         early_part = np.where(np.arange(samples.shape[-1]) < gate, samples, 0.0)

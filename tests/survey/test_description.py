@@ -124,11 +124,15 @@ def test_a_floor_plan_may_have_pillars_and_doors(folder: Path) -> None:
     walls = reader.read_survey(folder).walls
     assert walls is not None and walls.shape == (7, 2, 2)
     assert walls[3].tolist() == [[0, 5], [0, 0]] and walls[6].tolist() == [[3, 3], [2, 2]]
-    lines = floor_plan.plain(walls)
+    lines = floor_plan.plain_walls(walls)
     assert np.array_equal(floor_plan.sides(lines), walls)
     # The same lines again, and a single outline as it always was.
     assert lines[1] == pillar
-    assert floor_plan.plain(floor_plan.sides([[0, 0], [4, 0], [4, 3]])) == [[0, 0], [4, 0], [4, 3]]
+    assert floor_plan.plain_walls(floor_plan.sides([[0, 0], [4, 0], [4, 3]])) == [
+        [0, 0],
+        [4, 0],
+        [4, 3],
+    ]
     assert floor_plan.sides([[0, 0], [4, 0], [4, 3]])[2].tolist() == [[4, 3], [0, 0]]
 
 

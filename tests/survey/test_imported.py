@@ -19,7 +19,7 @@ from echolearn.survey import audio, imported
 from echolearn.survey.health import examine
 from echolearn.survey.measured import Measurements, Response
 from echolearn.survey.proof import verify_survey
-from echolearn.survey.protocols import Take, moved, recorded, takes
+from echolearn.survey.protocols import Take, moved, recorded_take, takes
 from echolearn.survey.reader import read_survey
 from echolearn.survey.sources import r3vival
 from echolearn.survey.sources.dechorate import INSIDE, Dechorate
@@ -181,7 +181,7 @@ def test_an_import_that_was_killed_goes_on(tmp_path: Path, monkeypatch: pytest.M
         made.append(take.start)
         if len(made) == 3:
             raise KeyboardInterrupt
-        return recorded(take, *arguments, **more)  # type: ignore[arg-type]
+        return recorded_take(take, *arguments, **more)  # type: ignore[arg-type]
 
     monkeypatch.setattr(imported, "recorded", mortal)
     with pytest.raises(KeyboardInterrupt):
@@ -219,7 +219,7 @@ def test_true_echoes_of_the_room_obey_the_law_of_reflection() -> None:
     """A ray that leaves as it came, by its two legs instead of an image."""
     loudspeaker = r3vival.position("S060-200")
     assert loudspeaker == pytest.approx([1.0, -np.sqrt(3), 0.0])
-    truth = r3vival.true_echoes(loudspeaker)
+    truth = r3vival.panel_echoes(loudspeaker)
     microphone = np.array(r3vival.POSITIONS[0])
     wall = r3vival.FACES[2]
     # On the left wall, y = 2.56: the point that divides x as the distances from the wall.

@@ -11,7 +11,7 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.survey import direct_path
 from echolearn.survey.audio import wav_bytes
 from echolearn.survey.reader import read_survey
-from echolearn.survey.removal import removed_db, told
+from echolearn.survey.removal import removal_lines, removed_db
 from echolearn.survey.survey import Survey
 
 WINDOW = SearchWindow(0.6, 1.0)
@@ -49,16 +49,16 @@ def test_a_loudspeaker_that_rings_is_told_and_what_helps(folder: Path) -> None:
     survey = replace(heard(folder, loudness=1.0, ringing=12), direct="fitted")
     little = measured(survey, "fitted")
     assert 0 < little < 6
-    [line] = told(survey, little)
+    [line] = removal_lines(survey, little)
     assert line.startswith(f"direct=fitted removes {little:.1f} dB of what comes before the first")
     assert line.endswith("must be 6 dB or more; direct=fir fits it to each recording")
-    assert told(survey, measured(survey, "fir")) == []
-    [line] = told(replace(survey, direct="fir"), -0.02)
+    assert removal_lines(survey, measured(survey, "fir")) == []
+    [line] = removal_lines(replace(survey, direct="fir"), -0.02)
     assert "removes 0.0 dB" in line and line.endswith("is probe.wav what was played?")
 
 
 def test_where_there_is_none_or_noise_hides_it_nothing_is_said(folder: Path) -> None:
     hidden = heard(folder, loudness=1e-2 * LEVEL)
     assert np.isnan(measured(hidden, "fitted"))
-    assert told(hidden, measured(hidden, "fitted")) == []
+    assert removal_lines(hidden, measured(hidden, "fitted")) == []
     assert np.isnan(removed_db(replace(hidden, direct=None), np.full((2, 3), LEVEL)))

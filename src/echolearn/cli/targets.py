@@ -35,7 +35,7 @@ KINDS = {
     "rir": "echolearn.simulation.scene.Responder",
     "room": "echolearn.acoustics.polygon_room.AnyRoom",
     "scene": "echolearn.simulation.scene.Scene",
-    "source": "echolearn.survey.measured.Source",
+    "source": "echolearn.survey.measured.MeasuredSource",
     "window": "echolearn.acoustics.geometry.SearchWindow",
 }
 """Kind of what stands at a place, by the last part of its dotted name."""

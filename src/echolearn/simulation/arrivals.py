@@ -21,7 +21,7 @@ STEPS = 512
 
 
 @dataclass(frozen=True, eq=False)
-class Arrivals:
+class SoundPaths:
     """P arrivals at M microphones.
 
     Attributes:
@@ -36,16 +36,16 @@ class Arrivals:
     highs: Array
     clusters: Array
 
-    def scaled(self, factor: Array) -> "Arrivals":
+    def scaled(self, factor: Array) -> "SoundPaths":
         """Return the same with gains multiplied by factors that broadcast to (P, M)."""
         return replace(self, gain=self.gain * factor)
 
-    def beside(self, other: "Arrivals") -> "Arrivals":
+    def beside(self, other: "SoundPaths") -> "SoundPaths":
         """Return these and others together."""
         taps = max(self.clusters.shape[1], other.clusters.shape[1])
         own = np.pad(self.clusters, [(0, 0), (0, taps - self.clusters.shape[1])])
         others = np.pad(other.clusters, [(0, 0), (0, taps - other.clusters.shape[1])])
-        return Arrivals(
+        return SoundPaths(
             delay=np.concatenate([self.delay, other.delay]),
             gain=np.concatenate([self.gain, other.gain]),
             highs=np.concatenate([self.highs, other.highs]),

@@ -18,7 +18,7 @@ AT_ONCE = 4
 """Taps of one pass over a block: each sample of it is read and written once for all of them."""
 
 
-def filtered(signals: Array, taps: Array, *, low: Array, share: Array) -> Array:
+def filtered_signals(signals: Array, taps: Array, *, low: Array, share: Array) -> Array:
     """Return signals of which a share of the high frequencies is left, filtered, shape (M, N).
 
         y_m = h_m * (low * x_m + share (x_m - low * x_m))
@@ -64,7 +64,7 @@ def _filter(padded: Any, taps: Any, result: Any) -> None:
 
 @njit(error_model="numpy", nogil=True, fastmath={"contract"})
 def _filter_all(signals: Any, taps: Any, low: Any, ahead: int, share: Any, result: Any) -> None:
-    """Write the filtered signals of all microphones; see `filtered`."""
+    """Write the filtered signals of all microphones; see `filtered_signals`."""
     length = signals.shape[1]
     before = max(len(low), taps.shape[1])
     padded = np.zeros(length + 2 * before)

@@ -25,7 +25,7 @@ from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import turned
 from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.types import Array, Pose
-from echolearn.simulation.arrivals import Arrivals
+from echolearn.simulation.arrivals import SoundPaths
 from echolearn.simulation.imperfections import Imperfections
 from echolearn.simulation.kernels import low_pass
 from echolearn.simulation.noise.coloured import Coloured
@@ -80,7 +80,7 @@ class ImperfectScene(Scene):
         self._add(single.beside(self._clutter(room, pose, places)), response)
         return self._recorded(response)
 
-    def _add(self, arrivals: Arrivals, response: Array) -> None:
+    def _add(self, arrivals: SoundPaths, response: Array) -> None:
         """Add arrivals to a response as the microphones hear them."""
         rate = self.probe.sample_rate
         arrivals.add(response, microphones=self._flaws.microphones, sample_rate=rate)
@@ -96,14 +96,14 @@ class ImperfectScene(Scene):
         """Samples per metre."""
         return self.probe.sample_rate / self.speed_of_sound
 
-    def _direct(self, places: Array) -> Arrivals:
+    def _direct(self, places: Array) -> SoundPaths:
         """Return the direct path to microphones at places (M, 3) about the loudspeaker."""
         distance = np.linalg.norm(places, axis=-1)[None]
         # Which of them it faces does not depend on how the robot is turned.
         highs = self._flaws.sent(self.array.positions)[None]
         return self._arrivals(distance, highs=highs, clusters=np.ones((1, 1)))
 
-    def _walls(self, room: AnyRoom, pose: Pose, places: Array) -> Arrivals:
+    def _walls(self, room: AnyRoom, pose: Pose, places: Array) -> SoundPaths:
         """Return the first-order echoes of a room's walls.
 
         Args:
@@ -120,7 +120,7 @@ class ImperfectScene(Scene):
         echoes = self._arrivals(way, highs=highs[:, None], clusters=self._flaws.clusters[wall])
         return echoes.scaled(reflection)
 
-    def _clutter(self, room: AnyRoom, pose: Pose, places: Array) -> Arrivals:
+    def _clutter(self, room: AnyRoom, pose: Pose, places: Array) -> SoundPaths:
         """Return what scatterers in the room send back; arguments as those of `_walls`."""
         flaws = self._flaws
         toward = turned(flaws.scatterers, pose.heading)
@@ -136,9 +136,9 @@ class ImperfectScene(Scene):
         wider = (there + back) / (there * back)
         return arrivals.scaled(flaws.drawn["scatterer_radius"] / 2.0 * wider)
 
-    def _arrivals(self, distance: Array, *, highs: Array, clusters: Array) -> Arrivals:
+    def _arrivals(self, distance: Array, *, highs: Array, clusters: Array) -> SoundPaths:
         """Return arrivals by their ways in m, shape (P, M), of gain 1 / (4 pi way)."""
-        return Arrivals(
+        return SoundPaths(
             delay=distance * self._scale,
             gain=1.0 / (4.0 * np.pi * distance),
             highs=np.broadcast_to(highs, distance.shape),
@@ -147,7 +147,7 @@ class ImperfectScene(Scene):
 
     def _rest(self, response: Array, room: AnyRoom) -> Array:
         """Return all that is reflected more than once, as microphones hear it, shape (M, K)."""
-        from echolearn.simulation.fir_loops import filtered
+        from echolearn.simulation.fir_loops import filtered_signals
 
         flaws = self._flaws
         loss = np.log(flaws.dulling.mean()) / (self._scale * free_path(room))
@@ -155,7 +155,7 @@ class ImperfectScene(Scene):
         share = sent * np.exp(loss * np.arange(response.shape[1]))
         heard = [np.convolve(flaws.clusters[-1], microphone) for microphone in flaws.microphones]
         low = low_pass(self.probe.sample_rate)
-        return filtered(response, np.array(heard), low=low, share=share)
+        return filtered_signals(response, np.array(heard), low=low, share=share)
 
     def _recorded(self, response: Array) -> Array:
         """Return the burst as the loudspeaker plays it, after a response (M, K), shape (M, N)."""

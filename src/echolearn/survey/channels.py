@@ -15,7 +15,7 @@ from echolearn.survey.arrivals import SEEN
 from echolearn.survey.exchange import exchanged
 from echolearn.survey.measuring import Walk
 from echolearn.survey.shape import judge_shape
-from echolearn.survey.signs import turned
+from echolearn.survey.signs import wiring_signs
 
 DEAD_DB = -40.0
 SOFT_DB = -12.0
@@ -79,11 +79,11 @@ def judge_channels(walk: Walk) -> Verdicts:
         _same(walk, found)
         _loopback(walk, found)
         # Whatever else is wrong makes echoes no plane waves.
-        if not found.refused and (turned(walk.direct, walk.echo.sign) > 0).all():
+        if not found.refused and (wiring_signs(walk.direct, walk.echo.sign) > 0).all():
             _swapped(walk, found)
         _soft(walk, found)
     # A dead channel and a loopback are alike everywhere.
-    found.refused += copies.told(walk.survey, np.where(found.alive, walk.marks, 0))
+    found.refused += copies.copy_lines(walk.survey, np.where(found.alive, walk.marks, 0))
     return found
 
 

@@ -65,7 +65,7 @@ class Containers(NamedTuple):
     noise: Numbers = Numbers()
 
 
-def told(containers: Containers) -> list[str]:
+def container_lines(containers: Containers) -> list[str]:
     """Return a line for the files whose numbers are not as their headers say, together."""
     names = dict(zip(("probe.wav", "all recordings", "noise.wav"), containers, strict=True))
     lines = []

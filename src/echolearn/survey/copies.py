@@ -16,7 +16,7 @@ SAME = 1e-3
 """m and rad within which poses are one."""
 
 
-def told(survey: Survey, marks: Array) -> list[str]:
+def copy_lines(survey: Survey, marks: Array) -> list[str]:
     """Return the line on recordings that hold what was recorded at another pose, if any do.
 
     Args:

@@ -168,7 +168,7 @@ def description_bytes(
         "loudspeaker": [0.0, 0.0, 0.0],
         "direct_path": direct_path,
         **({} if mapped else {"map": False}),
-        **({} if walls is None else {"walls": floor_plan.plain(walls)}),
+        **({} if walls is None else {"walls": floor_plan.plain_walls(walls)}),
         "conditions": dict(conditions),
     }
     return yaml.safe_dump(content, sort_keys=False).encode()

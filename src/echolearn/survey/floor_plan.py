@@ -79,7 +79,7 @@ def sides(walls: Any) -> Array:
     return np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
 
 
-def plain(walls: Array) -> list[Any]:
+def plain_walls(walls: Array) -> list[Any]:
     """Return sides (S, 2, 2) as `survey.yaml` has them: a single outline as its corners."""
     lines = polylines(walls)
     if len(lines) == 1 and len(lines[0]) > 3 and (lines[0][0] == lines[0][-1]).all():

@@ -22,11 +22,11 @@ from echolearn.survey.arrivals import arrivals
 from echolearn.survey.audio import undecided_words
 from echolearn.survey.channels import judge_channels
 from echolearn.survey.consistency import Heard, inconsistency
-from echolearn.survey.containers import Containers, numbers_of, told
+from echolearn.survey.containers import Containers, container_lines, numbers_of
 from echolearn.survey.echoes import Echo
 from echolearn.survey.measuring import Walk, decibels, measure_walk
 from echolearn.survey.mending import Mending
-from echolearn.survey.signs import split, turned
+from echolearn.survey.signs import turning_point, wiring_signs
 from echolearn.survey.survey import CALIBRATION, NOISE, Survey
 from echolearn.survey.time_zero import Direct, TimeZero
 
@@ -133,7 +133,7 @@ def examine(survey: Survey) -> Health:
             *verdicts.noticed,
             *_moving(walk),
             *_reversed(signs, walk.numbers),
-            *removal.told(survey, removed),
+            *removal.removal_lines(survey, removed),
         ),
         refused=tuple(verdicts.refused),
         mending=None if mending.nothing else mending,
@@ -195,7 +195,7 @@ def _mending(walk: Walk, zero: TimeZero, *, used: Array, calibration: float) -> 
     return Mending(
         latency=zero.late,
         calibration=calibration,
-        sign=np.where(used, turned(walk.direct, walk.echo.sign), 1.0),
+        sign=np.where(used, wiring_signs(walk.direct, walk.echo.sign), 1.0),
         offset=levels.steady(walk.levels) & used,
         tones=levels.humming(walk.tones, walk.levels),
     )
@@ -219,7 +219,7 @@ def _reversed(sign: Array, numbers: Sequence[object]) -> list[str]:
     seen = int(np.count_nonzero(usual))
     share = _negative(sign)
     either = "localizer.sign=either takes the largest |r|"
-    place = split(usual)
+    place = turning_point(usual)
     if place:
         begun = numbers[place]
         return [f"the strongest echo turns its sign at recording {begun}; was a plug? {either}"]
@@ -265,7 +265,7 @@ def _drift(echo: Echo) -> float:
 def _told(mending: Mending, walk: Walk, *, zero: TimeZero) -> list[str]:
     """Return a line for everything that is mended."""
     numbers = walk.numbers
-    lines = told(walk.survey.containers)
+    lines = container_lines(walk.survey.containers)
     if mending.latency.any():
         lines.append(f"{zero.line}; taken off")
     if mending.calibration:
@@ -296,7 +296,7 @@ def _played(sound: Survey) -> list[str]:
     """Return the line on the burst by which echoes of a mended survey are sought, if it is told."""
     if not sound.played:
         return []
-    return [played.told(sound.played, sound.response, recordings=len(sound.looked_at))]
+    return [played.played_line(sound.played, sound.response, recordings=len(sound.looked_at))]
 
 
 def mended(survey: Survey, health: Health) -> Survey:

@@ -22,9 +22,9 @@ from echolearn.storage.identity import plain
 from echolearn.survey import audio
 from echolearn.survey.description import description_bytes
 from echolearn.survey.making import made_once
-from echolearn.survey.measured import Measurements, Source
+from echolearn.survey.measured import MeasuredSource, Measurements
 from echolearn.survey.poses import APART, poses_csv
-from echolearn.survey.protocols import Take, described, recorded, takes
+from echolearn.survey.protocols import Take, described, recorded_take, takes
 from echolearn.survey.truth import TRUTH, truth_csv
 
 BEGUN = "imported.json"
@@ -34,7 +34,7 @@ BEGUN = "imported.json"
 def import_survey(
     *,
     name: str,
-    source: Source,
+    source: MeasuredSource,
     folder: Path | None,
     probe: Probe,
     protocol: str = "pose",
@@ -97,7 +97,7 @@ def _contents(
     def recording(index: int, take: Take) -> bytes:
         """Return a recording as a file."""
         rng = stream(draw, "observation", index)
-        samples = recorded(take, measured, probe=probe, snr_db=snr_db, rng=rng)
+        samples = recorded_take(take, measured, probe=probe, snr_db=snr_db, rng=rng)
         return audio.wav_bytes(samples, probe.sample_rate)
 
     names = []

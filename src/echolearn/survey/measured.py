@@ -1,6 +1,6 @@
 """Published measurements of rooms: responses from a loudspeaker's places to an array, and truth.
 
-    folder --Source.read--> Measurements --takes--> recordings and their true echoes (`protocols`)
+    folder --MeasuredSource.read--> Measurements --takes--> recordings, true echoes (`protocols`)
 
 A source is one module of `survey/sources`: it knows how a published set lies in its folder, and
 what is wrong with a copy of it. Times in a response are those of its file; `emitted` tells where in
@@ -78,7 +78,7 @@ class Measurements:
     remark: str = ""
 
 
-class Source(Protocol):
+class MeasuredSource(Protocol):
     """What reads a published set from a folder."""
 
     def read(self, folder: Path | None) -> Measurements:

@@ -49,7 +49,7 @@ def as_played(samples: Array, response: Array) -> Array:
     return filtered
 
 
-def told(way: str, response: Array, *, recordings: int) -> str:
+def played_line(way: str, response: Array, *, recordings: int) -> str:
     """Return the line on what echoes are sought by.
 
     Args:

@@ -106,7 +106,7 @@ def resampled(measured: Measurements, samples: Array, *, rate: float) -> Array:
     return found
 
 
-def recorded(
+def recorded_take(
     take: Take,
     measured: Measurements,
     *,

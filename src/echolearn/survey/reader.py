@@ -41,7 +41,7 @@ LONGEST = 1 << 20
 INSIDE = "must be a path inside the survey's folder"
 
 
-def inside(folder: Path, name: str) -> bool:
+def lies_inside(folder: Path, name: str) -> bool:
     """Tell whether a file of a survey lies in its folder, links followed."""
     if "\0" in name:
         return False
@@ -66,7 +66,7 @@ def read_survey(folder: Path) -> Survey:
     check(not swapped, "survey", folder, allowed=allowed, hint=hint)
     # A link could make the map a copy of any file of this machine.
     for name in ("survey.yaml", "probe.wav", "poses.csv", NOISE, CALIBRATION, TRUTH):
-        check(inside(folder, name), f"{folder}/{name}", "a link", allowed=INSIDE)
+        check(lies_inside(folder, name), f"{folder}/{name}", "a link", allowed=INSIDE)
 
     about = read_description(folder / "survey.yaml")
     present = about["direct_path"] == "present"
@@ -79,7 +79,7 @@ def read_survey(folder: Path) -> Survey:
     stored = numbers_of([audio.undecided_words(probe)])
     walked = read_poses(folder / "poses.csv")
     for file in dict.fromkeys(walked.files):
-        check(inside(folder, file), f"{folder}/poses.csv file", file, allowed=INSIDE)
+        check(lies_inside(folder, file), f"{folder}/poses.csv file", file, allowed=INSIDE)
     truth = folder / TRUTH
     return Survey(
         folder=folder,

@@ -63,7 +63,7 @@ def _early_energy(survey: Survey, samples: Array, pose: int) -> float:
     return float(np.sum(r**2)) / survey.probe.energy
 
 
-def told(survey: Survey, removed: float) -> list[str]:
+def removal_lines(survey: Survey, removed: float) -> list[str]:
     """Return the line on a direct path of which little is removed, so many dB, if it is one."""
     if not removed < LITTLE_DB:
         return []

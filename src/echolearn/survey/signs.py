@@ -22,7 +22,7 @@ BESIDE = 0.5
 """Samples by which a direct path may be off the others, whose sign is looked at."""
 
 
-def turned(direct: Direct, echo: Array) -> Array:
+def wiring_signs(direct: Direct, echo: Array) -> Array:
     """Return -1 where microphones are wired the other way, else 1, shape (P, M).
 
     Args:
@@ -76,7 +76,7 @@ def _sides(echo: Array) -> Array:
     beside = echo * echo[:, reference : reference + 1]
     sides = np.zeros(echo.shape)
     for m, each in enumerate(beside.T):
-        place = split(each)
+        place = turning_point(each)
         count = np.count_nonzero(each)
         if place:
             before = np.sign(each[:place].sum())
@@ -86,7 +86,7 @@ def _sides(echo: Array) -> Array:
     return sides
 
 
-def split(signs: Array) -> int:
+def turning_point(signs: Array) -> int:
     """Return from where on signs (P,), 0 where none is known, are the others; 0 if nowhere."""
     known = np.flatnonzero(signs)
     sums = np.cumsum(signs[known])

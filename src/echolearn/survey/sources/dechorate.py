@@ -71,8 +71,8 @@ class Dechorate:
         allowed = "nothing of this source comes with echolearn"
         check(folder is not None, "folder", None, allowed=allowed, hint=hint)
         path = checked_folder(Path(str(folder)), inside=INSIDE, repository=REPOSITORY)
-        found = read_arrays(path)
-        pairs = [response(pair, found) for pair in range(PAIRS)]
+        found = read_matlab(path)
+        pairs = [pair_response(pair, found) for pair in range(PAIRS)]
         half = APART / 2
         return Measurements(
             name="dechorate",
@@ -86,7 +86,7 @@ class Dechorate:
         )
 
 
-def read_arrays(path: Path) -> dict[str, Array]:
+def read_matlab(path: Path) -> dict[str, Array]:
     """Return the arrays of the file by name.
 
     Raises:
@@ -126,7 +126,7 @@ def _check_times(path: Path, found: dict[str, Array]) -> None:
     check(off <= AGREES, f"{path} T_direct", f"{1e3 * off:.2f} ms off", allowed=allowed)
 
 
-def response(pair: int, found: dict[str, Array]) -> Response:
+def pair_response(pair: int, found: dict[str, Array]) -> Response:
     """Return the response at one pair, in the frame of its array.
 
     Args:

@@ -123,7 +123,7 @@ class R3vival:
                 rate, samples = read_response(path)
                 rates.add(rate)
                 check_aligned(path, samples, rate=rate)
-                responses.append(response(name, condition, samples=samples[: len(POSITIONS)]))
+                responses.append(place_response(name, condition, samples=samples[: len(POSITIONS)]))
         check(len(rates) == 1, f"{place} sample_rate", sorted(rates), allowed="must be one for all")
         which = f"condition {' and '.join(held)}"
         said = f"the slice that comes with echolearn, {which}; folder=<checkout of {REPOSITORY}>"
@@ -164,7 +164,7 @@ def check_aligned(path: Path, samples: Array, *, rate: float) -> None:
     check(aligned, str(path), shown, allowed=allowed, hint="was the file cut or shifted?")
 
 
-def response(place: str, condition: str, *, samples: Array) -> Response:
+def place_response(place: str, condition: str, *, samples: Array) -> Response:
     """Return the response from a place with its true echoes.
 
     Args:
@@ -179,7 +179,7 @@ def response(place: str, condition: str, *, samples: Array) -> Response:
         samples=samples,
         emitted=DIRECT - float(np.linalg.norm(loudspeaker)) / SPEED_OF_SOUND,
         loudspeaker=loudspeaker,
-        truth=true_echoes(loudspeaker),
+        truth=panel_echoes(loudspeaker),
         pose=Pose(np.zeros(3)),
     )
 
@@ -192,7 +192,7 @@ def position(place: str) -> Array:
     return centimetres / 100 * np.array([np.cos(turned), np.sin(turned), 0.0])
 
 
-def true_echoes(loudspeaker: Array) -> Truth:
+def panel_echoes(loudspeaker: Array) -> Truth:
     """Return the echoes of the panels and of what lies behind them, by image sources."""
     images = []
     for distances in (FACES, BEHIND):
