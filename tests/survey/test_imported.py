@@ -183,7 +183,7 @@ def test_an_import_that_was_killed_goes_on(tmp_path: Path, monkeypatch: pytest.M
             raise KeyboardInterrupt
         return recorded_take(take, *arguments, **more)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(imported, "recorded", mortal)
+    monkeypatch.setattr(imported, "recorded_take", mortal)
     with pytest.raises(KeyboardInterrupt):
         imported_points(tmp_path / "killed")
     assert not (tmp_path / "killed/survey/points/manifest.json").exists()
