@@ -18,6 +18,7 @@ from echolearn.survey.mending import taken_off
 from echolearn.survey.reader import read_survey
 from echolearn.survey.survey import Survey
 from recorded_walks import PROBE, ROOM, SCENE, TIME, Change, walk, write
+from sound_walks import examined
 
 
 def late(*samples: int) -> Change:
@@ -403,3 +404,9 @@ def test_the_burst_as_the_loudspeaker_plays_it_is_told(tmp_path: Path) -> None:
     assert line.startswith("played=walk: echoes are sought by the burst as the loudspeaker plays")
     assert re.search(r"of 8 recordings; .* holds (9\d|100) % of the energy", line)
     assert not examine(survey).mended
+
+
+@pytest.mark.parametrize("seed", [6000, 6001])
+def test_under_rotors_that_drown_the_burst_nothing_is_called_lost(seed: int) -> None:
+    """Noise that is not white disturbs some pieces of the direct path more than others."""
+    assert examined(seed, snr_db=-20.0, rotors=True, direct=True).refused == ()

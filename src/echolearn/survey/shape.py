@@ -82,7 +82,8 @@ def shape_of(samples: Array, probe: Probe, *, direct: Direct, lags: Array) -> Sh
     noise = np.sqrt(np.sum((gain * direct.noise) ** 2))
     doubt = noise / (power * np.sqrt(np.maximum(energy, 1e-300)))
     # Noise that is not white disturbs pieces differently, as echoes do.
-    doubt = np.maximum(doubt, np.sqrt(np.mean(found[:, FAR + NEAR + 1 :] ** 2, axis=-1)))
+    for beside in (found[:, : FAR - NEAR], found[:, FAR + NEAR + 1 :]):
+        doubt = np.maximum(doubt, np.sqrt(np.mean(beside**2, axis=-1)))
     # A recording may have begun after the burst, or ended before it.
     first = int(starts[gain != 0].min()) - length
     last = int(starts[gain != 0].max()) - length
@@ -127,7 +128,9 @@ def broken(shape: Shape, *, alike: bool) -> Array:
     parts = np.where(known[:, None], parts, 0.0)
     with np.errstate(invalid="ignore"):
         usual = np.nanmax(parts, axis=-1, keepdims=True) if alike else np.nanmedian(parts, axis=0)
-        gone = (parts < MISSING * usual) & (usual - parts > SURE * np.sqrt(2) * shape.doubt)
+        # The largest of noisy pieces is too large by their noise, whichever piece it is.
+        doubt = np.max(shape.doubt, axis=-1, keepdims=True)
+        gone = (parts < MISSING * usual) & (usual - parts > SURE * np.sqrt(2) * doubt)
     return moved | gone.any(axis=-1)
 
 
