@@ -26,7 +26,7 @@ LEVELS = (40, 20, 10, 0, -5, -10, -20)
 def examined(seed: int, *, snr_db: float, rotors: bool, direct: bool) -> Health:
     """Draw a room and a walk, record it and examine the survey."""
     rng = np.random.default_rng(seed)
-    room = Room(tuple(rng.uniform([5.0, 5.0, 2.4], [12.0, 10.0, 6.0])), rng.uniform(0.15, 0.5))
+    room = Room(tuple(rng.uniform([5.0, 5.0, 2.4], [12.0, 10.0, 6.0])), rng.uniform(0.25, 0.5))
     poses = trajectory(room, poses=int(rng.integers(8, 25)), start=rng.uniform(0.0, 6.0))
     poses = [replace(pose, heading=rng.uniform(-np.pi, np.pi)) for pose in poses]
     received = np.stack([SCENE.received(room, pose) for pose in poses])
