@@ -1,4 +1,4 @@
-"""The two tortures, whose scripts print tables; a small part always, more of it for a release."""
+"""The two tortures, whose scripts print tables: part of it for each release."""
 
 import os
 import subprocess
@@ -21,11 +21,6 @@ def told(*words: str) -> str:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
-
-
-def test_some_hostile_files_are_refused_within_seconds_and_a_gibibyte() -> None:
-    said = told("model that never ends", "laughter", "noise.wav of 10 TiB")
-    assert said.splitlines()[-1].split()[:3] == ["all", "3", "3"]
 
 
 @pytest.mark.release

@@ -73,7 +73,7 @@ def test_every_localizer_finds_time_and_direction_with_every_array(name: str, sc
     assert missed(echoes, array, normals, 1.4).max() < 5.0
 
 
-@pytest.mark.parametrize("microphones", [2, 3, 5, 32])
+@pytest.mark.parametrize("microphones", [2, 3, 5, 12])
 def test_so_it_does_with_microphones_anywhere(microphones: int) -> None:
     """And the map point is the wall's, where the array can tell the side."""
     rng = np.random.default_rng(microphones)
@@ -175,7 +175,7 @@ def anywhere(count: int) -> Array:
 def test_elevations_are_found_as_far_as_the_array_tells_them(scene: str) -> None:
     """Within 5 degrees on the whole sphere, of a ring but for the sign, and never below it."""
     array = array_of(scene)
-    normals = anywhere(10)
+    normals = anywhere(5)
     for name in ("joint", "em"):
         echoes = localizer(name, elevations=18)(recorded(array, normals, 1.4))
         assert missed(echoes, array, normals, 1.4).max() < 5.0
