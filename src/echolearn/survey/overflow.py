@@ -23,6 +23,9 @@ TAPS = 64
 ROUNDS = 4
 """Fits, each with the samples unwrapped that the one before found."""
 
+NOISY = 0.1
+"""Standard deviation of the rest, in full scales, from which on nothing is told."""
+
 NEAR = 4.0
 """Standard deviations of the rest within which a wrapped sample is what was fitted."""
 
@@ -35,6 +38,8 @@ def wrapped(samples: Array, found: Arrivals) -> Array:
         found: its matched filter.
     """
     reaches = (samples.max(axis=-1) > FULL) & (samples.min(axis=-1) < -FULL)
+    # Numbers beyond full scale are floating-point, which does not wrap.
+    reaches &= np.abs(samples).max() <= 1.0
     count = np.zeros(len(samples), dtype=int)
     for m in np.flatnonzero(reaches):
         place = int(np.abs(found.outputs[m]).argmax()) - found.zero
@@ -62,5 +67,5 @@ def _wrapped_at(channel: Array, burst: Array, *, start: int) -> int:
     rest = whole - fitted
     spread = max(float(np.median(np.abs(rest[inside]))) / 0.6745, 1e-3)
     beyond = (whole != heard) & (np.abs(fitted) > 1 - spread) & (np.abs(rest) < NEAR * spread)
-    # Noise as large as the range fits anything.
-    return int(beyond.sum()) if spread < 0.25 else 0
+    # Where noise is large, what lies two full scales away fits by chance.
+    return int(beyond.sum()) if spread < NOISY else 0

@@ -147,7 +147,10 @@ def time_zero_of(
     off = latency - middle[:, None]
     wrong = (np.abs(off) > allowed + 5 * doubt) & ~missing[:, None]
     # One reading in a hundred may be another arrival; a channel that is late is so again.
-    wrong &= wrong.sum(axis=0) > 0.02 * seen.sum()
+    # A single one must stand far out of the noise, which need not be white.
+    with np.errstate(invalid="ignore"):
+        clear = np.abs(direct.height) > LOUD * direct.noise
+    wrong &= wrong.sum(axis=0) > np.where(clear, 0.02, 0.2) * seen.sum()
     if wrong.any():
         lines.append(_disagree(off, wrong, numbers=numbers, unit=unit, allowed=allowed))
     if lines:
