@@ -110,7 +110,11 @@ def _figures(survey: Survey, health: Health) -> list[tuple[str, str, str]]:
             f"left by direct={survey.direct}" if survey.direct else "removed before",
         ),
         ("hum", *_hum(health)),
-        ("clock drift", readable(health.clock_drift_ppm, "{:+z.0f} ppm"), "recorder against player"),
+        (
+            "clock drift",
+            readable(health.clock_drift_ppm, "{:+z.0f} ppm"),
+            "recorder against player",
+        ),
         ("clipped", readable(clipped, "{:.1f} %"), "of a burst at the rails, at worst"),
         ("negative echoes", readable(100 * health.negative_echoes, "{:.0f} %"), "of the strongest"),
     ]
