@@ -33,6 +33,9 @@ from echolearn.storage.files import one_line
 
 Compute = Callable[[Array], Array]
 
+_calls: list[tuple[int, float, onnxruntime.RunOptions]] = []
+"""Calls under way: the clock of each one's thread, what it may show at last, options to stop it."""
+
 TOLERANCE = 1e-5
 """Largest difference in confidence between two machines."""
 
@@ -43,6 +46,9 @@ SECONDS = 1.0
 ROW_SECONDS = 0.01
 """Computing time of one call, and more for each of its inputs, in s; a classifier takes less than a
 thousandth for each."""
+
+WATCH = 0.05
+"""Time between two looks at the calls that are under way, in s."""
 
 MODEL = "model.onnx"
 
@@ -177,24 +183,37 @@ def _deadline(seconds: float) -> Iterator[onnxruntime.RunOptions]:
     """
     options = onnxruntime.RunOptions()
     clock = time.pthread_getcpuclockid(threading.get_ident())
-    until = time.clock_gettime(clock) + seconds
-    done = threading.Event()
-
-    def watch() -> None:
-        """Stop the computation once its time is spent."""
-        # A thread computes no longer than it lives, so it cannot be late before that.
-        while (left := until - time.clock_gettime(clock)) > 0:
-            if done.wait(left + 0.001):
-                return
-        options.terminate = True
-
-    watcher = threading.Thread(target=watch, daemon=True)
-    watcher.start()
+    call = (clock, time.clock_gettime(clock) + seconds, options)
+    _calls.append(call)
+    _watcher(os.getpid()).set()
     try:
         yield options
     finally:
-        done.set()
-        watcher.join()
+        _calls.remove(call)
+
+
+@cache
+def _watcher(process: int) -> threading.Event:
+    """Return what wakes the one thread that looks after all calls of a process.
+
+    A thread for each call would take longer than the call. A forked process has no threads but
+    the one that forked it, so it gets another.
+    """
+    awake = threading.Event()
+    threading.Thread(target=_watch, args=(awake,), daemon=True).start()
+    return awake
+
+
+def _watch(awake: threading.Event) -> None:
+    """Stop each call whose time is spent, as long as the process lives."""
+    while awake.wait():
+        time.sleep(WATCH)
+        awake.clear()
+        for clock, until, options in tuple(_calls):
+            # Once a call has ended, its thread may have, and its clock with it.
+            with suppress(OSError):
+                options.terminate = time.clock_gettime(clock) > until
+            awake.set()
 
 
 @cache
