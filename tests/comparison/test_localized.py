@@ -14,8 +14,9 @@ from echolearn.acoustics.signals import noise_covariance, noise_psd
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.checks import BadValue
 from echolearn.comparison.choice import Comparison
+from echolearn.comparison.evaluate import evaluate_set
 from echolearn.comparison.localized import localize_survey
-from echolearn.evaluation.rows import LocalizedSurvey, Recordings
+from echolearn.evaluation.rows import MISSING_COLUMNS, LocalizedSurvey, Recordings
 from echolearn.localization.localize import localize
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.joint import Joint
@@ -28,6 +29,7 @@ from echolearn.simulation.survey import survey
 from echolearn.survey import audio, reader
 from echolearn.survey.poses import poses_csv
 from echolearn.survey.survey import BLOCK, blocks
+from echolearn.training.runs import load_runs
 from world import HALL, POSES, World, plans
 
 Localized = Callable[..., LocalizedSurvey]
@@ -53,6 +55,24 @@ def localized(world: World, walk: Path) -> Localized:
 @pytest.fixture(scope="module")
 def gated(localized: Localized) -> LocalizedSurvey:
     return localized()
+
+
+def test_models_get_what_they_look_at_where_it_is(world: World, walk: Path) -> None:
+    """A survey is described as they need it; of a set without that a row says so."""
+    name = "covariance_steered_ideal"
+    localizer = world.arguments["localizers"]["gated"]
+    survey = localize_survey(walk, localizer, name="gated", resamples=9, further=[name])
+    assert survey.columns[name].shape == (POSES, 16, 49)
+
+    runs = load_runs(world.runs)
+    trained = next(run for run in runs if run.model.classifier == "trees_features")
+    looking = replace(trained, metrics={**trained.metrics, "inputs": [name]})
+    other = trained.model._replace(classifier="covnet_ideal")
+    models = {trained.model: [trained], other: [looking]}
+    found = evaluate_set(models, world.sets["offgrid_hall"].folder, robots={}, resamples=20)
+    unfit = [row for row in found.rows if row["metric"] == MISSING_COLUMNS]
+    assert [row["classifier"] for row in unfit] == ["covnet_ideal"]
+    assert any(row["classifier"] == "trees_features" for row in found.rows)
 
 
 def test_blocks_of_recordings_give_what_all_of_them_give(

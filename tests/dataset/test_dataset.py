@@ -150,6 +150,25 @@ def test_records_hold_columns_tensors_labels_and_context(finished):
     assert table["group"].dtype == np.int64 and not table.dtype.hasobject
 
 
+def test_a_plan_may_ask_for_more_and_nothing_else_changes(scattered, tmp_path):
+    more = replace(scattered, rows=3, further=["covariance_steered_ideal"])
+    rows, before = records(more, range(3)), records(scattered, range(3))
+    assert {*rows.dtype.names} - {*before.dtype.names} == {*more.further}
+    for name in before.dtype.names:
+        assert np.array_equal(rows[name], before[name]), name
+    assert rows["covariance_steered_ideal"].shape == (3, COVARIANCE_BANDS, 49)
+
+    # Who asks for nothing has the plan, and the set, of before.
+    same = replace(scattered, further=[])
+    assert folder_of(same, tmp_path) == folder_of(scattered, tmp_path)
+    assert folder_of(more, tmp_path) != folder_of(replace(more, further=()), tmp_path)
+    made = Dataset(generate(more, runs=tmp_path, engine=Serial()))
+    assert made.holds(["toa", "covariance_steered_ideal"]) and not made.holds(["toa", "nonsense"])
+    before = Dataset(generate(replace(more, further=()), runs=tmp_path, engine=Serial()))
+    with pytest.raises(BadValue, match=r"with plan\.further=\[covariance_steered_ideal\]\Z"):
+        before["covariance_steered_ideal"]
+
+
 def test_labels_are_those_of_the_mirrors(finished, plan, scattered):
     """At any heading, wherever they say yes and wherever they say no."""
     rows = np.concatenate([np.load(finished / name) for name in SHARDS])

@@ -166,6 +166,8 @@ BAD = {
         "plan.shard_rows=0 rows": {"shard_rows": 0},
         "plan.name=../paper": {"name": "../paper"},
         "plan.role=exam: must be training or grid or test": {"role": "exam"},
+        "plan.further=covariance: must be a list of names": {"further": "covariance"},
+        "plan.further=['toa']: must be some of covariance_steered_ideal": {"further": ["toa"]},
     },
     "scattered": {
         "plan.rows=0": {"rows": 0},

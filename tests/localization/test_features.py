@@ -12,7 +12,14 @@ from echolearn.acoustics.types import Array, Echoes
 from echolearn.bench import equations
 from echolearn.localization import features
 from echolearn.localization.beamforming import azimuth_grid
-from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, SEVERAL, TENSORS
+from echolearn.localization.columns import (
+    COLUMNS,
+    COVARIANCE_BANDS,
+    EVERY_TENSOR,
+    SEVERAL,
+    TENSORS,
+    tensor_shape,
+)
 from echolearn.localization.localize import localize
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.gated import Gated
@@ -38,7 +45,7 @@ def estimated(*samples, localizer=GATED):
 
 def described(*samples, localizer=GATED):
     matched, echoes = estimated(*samples, localizer=localizer)
-    return features.describe([matched], echoes)
+    return features.describe([matched], echoes, names=(*COLUMNS, *EVERY_TENSOR))
 
 
 class Case(NamedTuple):
@@ -55,20 +62,22 @@ class Case(NamedTuple):
 def case(request):
     samples = wave(PROBE, 0.9, 180) + white(PROBE, request.param, 1)
     found = {name: column[0] for name, column in described(samples).items()}
-    tensors = {name: found.pop(name) for name in TENSORS}
+    tensors = {name: found.pop(name) for name in EVERY_TENSOR}
     return Case(samples, found, tensors, round(found["toa"] * RATE), found["azimuth"])
 
 
 def test_every_column_and_tensor_is_there_and_no_other():
     columns = described(noisy(0.4, 0.1), noisy(-1.0, 3.0))
-    assert set(columns) == {*COLUMNS, *TENSORS}
+    assert set(columns) == {*COLUMNS, *EVERY_TENSOR}
     for name in COLUMNS:
         assert columns[name].shape == (2,)
         assert columns[name].dtype == np.float64
-    for name in TENSORS:
-        assert columns[name].shape == (2, COVARIANCE_BANDS, 36)
+    for name in EVERY_TENSOR:
+        microphones = 7 if name == "covariance_steered_ideal" else 6
+        assert columns[name].shape == (2, *tensor_shape(name, 6))
         assert columns[name].dtype == np.float32
-        assert np.allclose(columns[name][..., :6].sum(axis=-1), 6.0, atol=1e-4)
+        trace = columns[name][..., :microphones].sum(axis=-1)
+        assert np.allclose(trace, microphones, atol=1e-4)
 
 
 def test_each_of_several_echoes_knows_its_rank_and_its_nearest_neighbour_besides():
@@ -210,6 +219,30 @@ def test_steering_at_the_echo_makes_it_all_ones():
     expected = np.concatenate([np.ones(21), np.zeros(15)])
     assert np.allclose(columns["covariance_steered"][:, :14], expected, atol=0.02)
     assert np.abs(columns["covariance_gated"][:, :14] - expected).max() > 1.0
+
+
+def test_an_ideal_echo_is_one_more_microphone(case):
+    """Microphone 1 is not steered, so what stands for it and the ideal echo follows by hand; what
+    stands for the array alone is as without that echo, but for a factor on each band."""
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(64) / 64)
+    r = np.correlate(case.samples[0], PROBE.samples, "valid")
+    pulse = np.correlate(PROBE.samples, PROBE.samples, "full")[1500 - 33 : 1500 + 31]
+    rms = np.sqrt(np.mean(r[FIRST : LAST + 1] ** 2))
+    heard = np.fft.rfft(window * r[case.lag - 32 : case.lag + 32])
+    ideal = np.fft.rfft(window * pulse * rms / PROBE.energy)
+    upper = [(p, q) for p in range(7) for q in range(p + 1, 7)]
+    beside = 7 + upper.index((0, 6))
+    array = [*range(6), *(7 + k for k, (_, q) in enumerate(upper) if q < 6)]
+
+    for band, tensor in enumerate(case.tensors["covariance_steered_ideal"]):
+        bins = slice(1 + 2 * band, 3 + 2 * band)
+        cross = np.sum(heard[bins] * ideal[bins].conj())
+        expected = [np.sum(np.abs(heard[bins]) ** 2), cross.real, cross.imag]
+        energy = np.sum(np.abs(ideal[bins]) ** 2)
+        found = tensor[[0, beside, beside + len(upper)]] / tensor[6]
+        assert np.allclose(found, expected / energy, rtol=1e-3, atol=1e-3), band
+        without = case.tensors["covariance_steered"][band, :21]
+        assert np.allclose(tensor[array] / tensor[0], without / without[0], atol=1e-3), band
 
 
 # ---------------------------------------------------------------- what can go wrong

@@ -22,6 +22,7 @@ from echolearn.comparison.tables import SHOWN_DB
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import pairs, scoring
 from echolearn.evaluation.rows import (
+    MISSING_COLUMNS,
     OTHER_LOCALIZER,
     UNFIT,
     LabelledRows,
@@ -153,6 +154,12 @@ def evaluate_set(
     labelled = label_rows(dataset, resamples=resamples)
     robot = robot_in(dataset.manifest["plan"]["scene"])
     models, unfit = split_fitting(models, robots, robot)
+    lacking = {
+        model: MISSING_COLUMNS
+        for model, given in models.items()
+        if not all(dataset.holds(run.inputs) for run in given)
+    }
+    models = {model: given for model, given in models.items() if model not in lacking}
     runs = chain.from_iterable(models.values())
     known = dataset.digest in {run.data_digest for run in runs}
     predictions = predicted(models, lambda run: predict_rows(run, dataset, held_out=known))
@@ -161,7 +168,7 @@ def evaluate_set(
     rows: list[Row] = []
     for model, given in (predictions | {Model("chance"): [references["chance"]]}).items():
         rows.extend(scoring.score_labels(model, given, labelled=labelled))
-    rows += unfit_rows(unfit, labelled.source)
+    rows += unfit_rows(unfit | lacking, labelled.source)
     tests = [] if known else list(against_baseline(predictions, labelled, metric="auc"))
     return Evaluation(rows, tests)
 
@@ -188,7 +195,9 @@ def evaluate_survey(
         resamples: bootstrap draws.
     """
     models, unfit = split_fitting(models, robots, robot_at(folder))
-    survey = localize_survey(folder, localizers[name], name=name, resamples=resamples)
+    survey = localize_survey(
+        folder, localizers[name], name=name, further=looked_at(models), resamples=resamples
+    )
     references = scoring.trivial_predictions(survey.labelled.reference)
     predictions = predicted(models, lambda run: predict_echoes(run, survey))
     everyone = {Model(who): [given] for who, given in references.items()} | predictions
@@ -225,7 +234,8 @@ def evaluate_measured(
     """
     models, unfit = split_fitting(models, robots, robot_at(folders[0]))
     try:
-        measured = measured_rows(group, folders, localizers[name], name=name, resamples=resamples)
+        given: Any = {"name": name, "further": looked_at(models), "resamples": resamples}
+        measured = measured_rows(group, folders, localizers[name], **given)
     except Unheard as error:
         print(f"{group}, {name}: {error}", file=sys.stderr, flush=True)
         source = Recordings(group, kind="measured", localizer=name)
@@ -238,6 +248,11 @@ def evaluate_measured(
     for model, each in everyone.items():
         rows.extend(scoring.score_measured(model, each, measured=measured))
     return Evaluation(rows + unfit_rows(unfit, measured.labelled.source), [], measured=measured)
+
+
+def looked_at(models: Models) -> set[str]:
+    """Return the names of all columns and tensors that some run looks at."""
+    return {name for runs in models.values() for run in runs for name in run.inputs}
 
 
 def robot_at(folder: Path) -> Robot:

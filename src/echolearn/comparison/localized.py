@@ -1,6 +1,7 @@
 """Localize a survey as one localizer does: its echoes, their columns, their points on the map."""
 
 from collections import defaultdict
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from echolearn.comparison.conditions import joint_snr_db, room_of
 from echolearn.evaluation import stats
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
 from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Recordings
+from echolearn.localization.columns import COLUMNS, TENSORS
 from echolearn.localization.localize import localize
 from echolearn.localization.localizer import Localizer, returned
 from echolearn.mapping.echo_map import echo_map
@@ -22,7 +24,12 @@ from echolearn.survey.survey import Survey, blocks
 
 
 def localize_survey(
-    folder: Path, localizer: Localizer, *, name: str, resamples: int
+    folder: Path,
+    localizer: Localizer,
+    *,
+    name: str,
+    resamples: int,
+    further: Collection[str] = (),
 ) -> LocalizedSurvey:
     """Localize and describe every recording of a survey, and label its map points.
 
@@ -31,6 +38,7 @@ def localize_survey(
         localizer: estimates the echoes.
         name: name of the localizer.
         resamples: bootstrap draws over the poses.
+        further: names of columns and tensors that are wanted besides those of every set.
 
     Raises:
         BadValue: the survey has no outline to be evaluated against.
@@ -41,7 +49,7 @@ def localize_survey(
             f"{folder}/survey.yaml: it has no walls; without the room's outline no map is evaluated"
         )
 
-    echoes, columns = localized(survey, localizer)
+    echoes, columns = localized(survey, localizer, further=further)
     about: Any = {"array": survey.array, "speed_of_sound": survey.speed_of_sound}
     every = echo_map(echoes, survey.poses, **about).points
 
@@ -64,13 +72,22 @@ def localize_survey(
     return LocalizedSurvey(labelled, every, places, survey.walls, columns)
 
 
-def localized(survey: Survey, localizer: Localizer) -> tuple[Echoes, dict[str, Array]]:
-    """Return the echoes of a survey, fields (P, R), and their columns (P R, ...), by name."""
+def localized(
+    survey: Survey, localizer: Localizer, *, further: Collection[str] = ()
+) -> tuple[Echoes, dict[str, Array]]:
+    """Return the echoes of a survey, fields (P, R), and their columns (P R, ...), by name.
+
+    Args:
+        survey: P recordings.
+        localizer: estimates R echoes of each.
+        further: names of columns and tensors that are wanted besides those of every set.
+    """
+    names = {*COLUMNS, *TENSORS, *further}
     parts = []
     columns = defaultdict(list)
     # Recordings are localized in blocks, because those of a long walk would not fit into memory.
     for block in blocks(survey):
-        echoes, found = localize(survey.observe(block), localizer)
+        echoes, found = localize(survey.observe(block), localizer, names=names)
         parts.append(echoes)
         for key, column in found.items():
             columns[key].append(column)

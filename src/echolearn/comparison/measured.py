@@ -9,7 +9,7 @@ loudspeaker (column `place` of `poses.csv`), or else of one pose, are resampled 
 """
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -77,7 +77,13 @@ def grouped(folders: Mapping[str, Path]) -> dict[str, list[Path]]:
 
 
 def measured_rows(
-    group: str, folders: Sequence[Path], localizer: Localizer, *, name: str, resamples: int
+    group: str,
+    folders: Sequence[Path],
+    localizer: Localizer,
+    *,
+    name: str,
+    resamples: int,
+    further: Collection[str] = (),
 ) -> MeasuredRows:
     """Localize and describe every recording of some surveys, and label its echoes.
 
@@ -87,6 +93,7 @@ def measured_rows(
         localizer: estimates the echoes.
         name: name of the localizer.
         resamples: bootstrap draws over the places.
+        further: names of columns and tensors that are wanted besides those of every set.
 
     Raises:
         BadValue: a survey without `truth.csv` and outline, or one that the localizer cannot work
@@ -95,7 +102,7 @@ def measured_rows(
     heard = []
     for folder in folders:
         survey = replace(reader.read_survey(folder), window=localizer.window)
-        heard.append(localized_echoes(survey, localizer))
+        heard.append(localized_echoes(survey, localizer, further=further))
     strict = joined([each.labels.strict for each in heard])
     by_time = joined([each.labels.by_time for each in heard])
     reference = by_time if strict is None else strict
@@ -157,14 +164,21 @@ class LocalizedEchoes(NamedTuple):
     levels: Array
 
 
-def localized_echoes(survey: Survey, localizer: Localizer) -> LocalizedEchoes:
+def localized_echoes(
+    survey: Survey, localizer: Localizer, *, further: Collection[str] = ()
+) -> LocalizedEchoes:
     """Return the echoes of a survey, described and labelled.
+
+    Args:
+        survey: what was recorded.
+        localizer: estimates the echoes.
+        further: names of columns and tensors that are wanted besides those of every set.
 
     Raises:
         BadValue: nothing tells which are true, or the localizer cannot work on it (`Unheard`).
     """
     try:
-        echoes, columns = localized(survey, localizer)
+        echoes, columns = localized(survey, localizer, further=further)
     except BadValue as error:
         raise Unheard(str(error)) from None
     count = echoes.toa.shape[1]

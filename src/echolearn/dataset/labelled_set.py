@@ -1,5 +1,6 @@
 """A finished set, read back: columns and tensors by name, from shards checked on opening."""
 
+from collections.abc import Collection
 from functools import partial
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from echolearn.acoustics.signals import joint_db
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check
 from echolearn.dataset import derived
+from echolearn.localization.columns import FURTHER
 from echolearn.storage import manifests
 from echolearn.storage.advice import repair_hint
 from echolearn.storage.files import let_go, open_array
@@ -62,6 +64,10 @@ class Dataset:
                 f"set={self.folder}: {reason}; {repair_hint(self.manifest, self.folder)}"
             )
 
+    def holds(self, names: Collection[str]) -> bool:
+        """Return whether every record has all of these columns and tensors."""
+        return {*names} <= {*(self._shards[0].dtype.names or ())}
+
     def __len__(self) -> int:
         return int(self.manifest["rows"])
 
@@ -95,7 +101,10 @@ class Dataset:
             return derived.time_and_direction(read, self.manifest["plan"], several=several)
         if name not in (known.names or ()):
             allowed = f"must be one of {', '.join(known.names or ())}"
-            raise BadValue(f"column={name}: {allowed}; does the set come from an older version?")
+            hint = "does the set come from an older version?"
+            if name in FURTHER:
+                hint = f"generate it with plan.further=[{name}]"
+            raise BadValue(f"column={name}: {allowed}; {hint}")
         found = np.empty((len(rows), *known[name].shape), dtype=known[name].base)
         order = np.argsort(rows, kind="stable")
         ordered = rows[order]

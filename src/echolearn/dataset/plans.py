@@ -28,6 +28,7 @@ from echolearn.checks import (
     check_number,
     check_range,
 )
+from echolearn.localization.columns import FURTHER
 from echolearn.localization.localizer import Localizer
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.realism import Realism
@@ -96,6 +97,7 @@ class GridPlan:
         pings: number of recordings averaged for each row; the levels are those of one.
         role: what the set is for, see `ROLES`; no row depends on it.
         realism: ranges of what is not ideal; each row draws its own.
+        further: names of what rows hold besides the columns and tensors of every set, of `FURTHER`.
     """
 
     name: str
@@ -114,6 +116,7 @@ class GridPlan:
     pings: int = 1
     role: str = "grid"
     realism: Realism = field(default=Realism(), metadata=LATER)
+    further: tuple[str, ...] = field(default=(), metadata=LATER)
 
     def __post_init__(self) -> None:
         hint = "the paper's grid has 0.5 m"
@@ -180,6 +183,7 @@ class ScatteredPlan:
         pings: number of recordings averaged for each row; the levels are those of one.
         role: what the set is for, see `ROLES`; no row depends on it.
         realism: ranges of what is not ideal; each row draws its own.
+        further: names of what rows hold besides the columns and tensors of every set, of `FURTHER`.
     """
 
     name: str
@@ -200,6 +204,7 @@ class ScatteredPlan:
     pings: int = 1
     role: str = "training"
     realism: Realism = field(default=Realism(), metadata=LATER)
+    further: tuple[str, ...] = field(default=(), metadata=LATER)
 
     def __post_init__(self) -> None:
         for name, size in (("size_low", self.size_low), ("size_high", self.size_high)):
@@ -243,6 +248,7 @@ def _check_common(plan: Plan, snr_levels: Sequence[float] | None = None) -> None
         if name in DRAWN and limits is not None:
             check_range(f"plan.{name}", limits, DRAWN[name])
 
+    _check_further(plan)
     plan.realism.check_scene(plan.scene)
 
     # One row speaks for all: either each has a noise at some level, or none has it.
@@ -254,6 +260,17 @@ def _check_common(plan: Plan, snr_levels: Sequence[float] | None = None) -> None
         raise BadValue(f"plan.{error}") from None
     rate = plan.scene.probe.sample_rate
     plan.window.lags(plan.scene.array, rate, speed_of_sound=plan.scene.speed_of_sound)
+
+
+def _check_further(plan: Plan) -> None:
+    """Raise `BadValue` unless a plan asks for what there is to ask for, once."""
+    check_list("plan.further", plan.further, allowed="must be a list of names")
+    unknown = [name for name in plan.further if name not in FURTHER]
+    allowed = f"must be some of {', '.join(FURTHER)}"
+    check(not unknown, "plan.further", unknown, allowed=allowed)
+    names = tuple(dict.fromkeys(plan.further))
+    # A list of a configuration and a tuple are one plan, of one identity.
+    object.__setattr__(plan, "further", names)
 
 
 def _uniform(limits: tuple[float, float] | None, rng: np.random.Generator) -> float | None:

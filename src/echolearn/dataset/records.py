@@ -3,7 +3,8 @@
     rows --plan--> spots --simulation--> recordings --localize--> echoes and their columns
          --context, labels--> structured array
 
-A record has the columns and tensors of `localization.features`, the labels
+A record has the columns and tensors of `localization.features`, those besides that its plan asks
+for (`further`), the labels
 
 - `reflector` (the paper's): |estimated - true TOA| < 10 samples for some reflecting wall; of
   several echoes of one observation no two for the same wall (`evaluation.matching`),
@@ -45,6 +46,7 @@ from echolearn.evaluation.matching import (
     agree,
     match_echoes,
 )
+from echolearn.localization.columns import COLUMNS, TENSORS
 from echolearn.localization.localize import localize
 from echolearn.simulation.imperfect_scene import realistic
 from echolearn.simulation.observe import NOISE_SECONDS, add_noise, noise_alone
@@ -84,7 +86,8 @@ def records(plan: Plan, rows: range) -> Array:
         rng = stream(plan.seed, "noise alone", rows[0])
         observation = _with_noise(observation, spots[0], scene=real, rng=rng)
 
-    echoes, columns = localize(observation, plan.localizer)
+    names = (*COLUMNS, *TENSORS, *plan.further)
+    echoes, columns = localize(observation, plan.localizer, names=names)
     estimates = np.stack([echoes.toa, echoes.azimuth, echoes.elevation], axis=-1)
     contexts = [_context(spot) for spot in spots]
     for name in contexts[0]:

@@ -24,9 +24,12 @@ OTHER_ARRAY = "other_array"
 OTHER_RATE = "other_rate"
 OTHER_LOCALIZER = "other_localizer"
 
-UNFIT = (OTHER_ARRAY, OTHER_RATE, OTHER_LOCALIZER)
+MISSING_COLUMNS = "missing_columns"
+
+UNFIT = (OTHER_ARRAY, OTHER_RATE, OTHER_LOCALIZER, MISSING_COLUMNS)
 """Metrics of rows that say why there is no figure: their model was made for another array or rate,
-or the localizer cannot work on what was recorded. Their value is empty."""
+the localizer cannot work on what was recorded, or the set's plan did not ask for what the model
+looks at. Their value is empty."""
 
 Row = dict[str, Any]
 

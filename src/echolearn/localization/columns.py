@@ -31,7 +31,12 @@ Where several echoes are sought, each also has
 Tensors are (COVARIANCE_BANDS, M*M) packed Hermitian matrices (`beamforming.pack_hermitian`),
 each band scaled to trace M: `covariance` of the whole recording, `covariance_gated` of the
 matched-filter outputs around the echo, `covariance_steered` the same after steering to the
-estimated direction, so that an echo from there is all ones whatever its direction.
+estimated direction, so that an echo from there is all ones whatever its direction. Those of
+`FURTHER_TENSORS` are only in sets whose plan asks for them (`further`):
+
+| tensor                   | shape                   | meaning |
+|---|---|---|
+| covariance_steered_ideal | (bands, (M + 1)(M + 1)) | that with an ideal echo as microphone M + 1 |
 """
 
 COVARIANCE_BANDS = 16
@@ -67,3 +72,18 @@ SEVERAL = ("rank", "neighbour_lag", "neighbour_gain")
 
 COLUMNS = [name for name in UNITS if name not in SEVERAL]
 TENSORS = ("covariance", "covariance_gated", "covariance_steered")
+"""Tensors that every set has."""
+
+FURTHER_TENSORS = ("covariance_steered_ideal",)
+"""Tensors that a plan may ask for besides."""
+
+EVERY_TENSOR = (*TENSORS, *FURTHER_TENSORS)
+
+FURTHER = FURTHER_TENSORS
+"""What a plan may ask for besides what every set has."""
+
+
+def tensor_shape(name: str, microphones: int) -> tuple[int, ...]:
+    """Return the shape of one echo's tensor, heard by M microphones."""
+    heard = microphones + name.endswith("_ideal")
+    return (COVARIANCE_BANDS, heard**2)

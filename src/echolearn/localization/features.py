@@ -6,18 +6,14 @@ Each group of columns is a function of the matched filters and the place of an e
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from scipy import fft
 
 from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.signals import decibel
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.localization import beamforming
-from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, TENSORS
-from echolearn.localization.correlations import PAD, advance
+from echolearn.localization.columns import COLUMNS, EVERY_TENSOR, TENSORS
 from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
-
-SEGMENT = 64
-"""Lags of the matched filters around an echo from which its covariance is taken."""
+from echolearn.localization.tensors import SEGMENT, align, band_average, echo_tensors
 
 
 def describe(
@@ -26,7 +22,7 @@ def describe(
     *,
     names: Collection[str] = (*COLUMNS, *TENSORS),
 ) -> dict[str, Array]:
-    """Return columns (B * R,) and tensors (B * R, COVARIANCE_BANDS, M*M): a row for each echo.
+    """Return columns (B * R,) and tensors (B * R, ...): a row for each echo.
 
     Rows go observation by observation. What speaks of the whole recording is the same for all
     echoes.
@@ -46,8 +42,8 @@ def describe(
         index = view.index(one.toa)
         toward = direction(one.azimuth, one.elevation)
         columns |= steered_columns(view, index, toward=toward) | tensor
-        if not {"covariance_gated", "covariance_steered"}.isdisjoint(names):
-            columns |= gated_covariances(view, index, toward=toward)
+        if not {*EVERY_TENSOR}.isdisjoint(names):
+            columns |= echo_tensors(view, index, toward=toward, names=names)
         if len(views) > 1:
             columns |= neighbour_columns(view, echoes, rank=r)
         each.append(columns)
@@ -160,56 +156,6 @@ def neighbour_columns(matched: MatchedFilter, echoes: Echoes, *, rank: int) -> d
             np.take_along_axis(echoes.gain[:, others], nearest, axis=-1)[:, 0], own
         ),
     }
-
-
-def align(matched: MatchedFilter, index: Array, *, toward: Array) -> Array:
-    """Return r_m(toa + eta_m + k) for `SEGMENT` lags k around 0, shape (B, M, SEGMENT).
-
-    Args:
-        matched: matched-filter view of B observations.
-        index: lag indices of the echoes, shape (B,).
-        toward: unit vectors for which microphones are delayed by eta_m, shape (B, 3).
-    """
-    advanced = advance(matched.padded, matched.eta(toward)[:, None])
-    return cut(advanced[:, 0], index)
-
-
-def cut(padded: Array, index: Array) -> Array:
-    """Return `SEGMENT` lags centred on lag indices (B,) of `padded` (B, M, L + 2 PAD)."""
-    lags = index[:, None] + PAD - SEGMENT // 2 + np.arange(SEGMENT)
-    return np.take_along_axis(padded, lags[:, None, :], axis=-1)
-
-
-def gated_covariances(matched: MatchedFilter, index: Array, *, toward: Array) -> dict[str, Array]:
-    """Return the covariance tensors of the matched filters around the echo, plain and steered.
-
-    Args:
-        matched: matched-filter view of B observations.
-        index: lag indices of the echoes, shape (B,).
-        toward: unit vectors of their directions, shape (B, 3).
-    """
-    window = np.hanning(SEGMENT + 1)[:-1]
-    segments = {
-        "covariance_gated": cut(matched.padded, index),
-        "covariance_steered": align(matched, index, toward=toward),
-    }
-    found = {}
-    for name, segment in segments.items():
-        spectrum = fft.rfft(segment * window)[..., None]
-        found[name] = band_average(beamforming.covariance(spectrum))
-    return found
-
-
-def band_average(covariances: Array) -> Array:
-    """Return covariances (B, F, M, M) averaged over equal bands: packed, trace M, without bin 0."""
-    # Bin 0 holds no echo, only offsets of the microphones.
-    bins = (covariances.shape[1] - 1) // COVARIANCE_BANDS
-    used = covariances[:, 1 : 1 + bins * COVARIANCE_BANDS]
-    banded = used.reshape(len(used), COVARIANCE_BANDS, bins, *used.shape[2:])
-    packed = beamforming.pack_hermitian(banded.mean(axis=2))
-    microphones = covariances.shape[-1]
-    trace = packed[..., :microphones].sum(axis=-1, keepdims=True)
-    return (packed * microphones / np.maximum(trace, 1e-30)).astype(np.float32)
 
 
 def ratio(numerator: Array, denominator: Array) -> Array:

@@ -28,7 +28,7 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import BadValue, check
 from echolearn.localization import methods
-from echolearn.localization.columns import COLUMNS, COVARIANCE_BANDS, SEVERAL, TENSORS, UNITS
+from echolearn.localization.columns import COLUMNS, EVERY_TENSOR, SEVERAL, UNITS, tensor_shape
 from echolearn.localization.localizer import Localizer, returned
 from echolearn.robot import untrusted_files, untrusted_models
 from echolearn.robot.schema import GOLDEN, LIMITS, upgraded
@@ -175,7 +175,7 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
 def _inputs(about: Mapping[str, Any], microphones: int) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """Return the names of what the model looks at, and the shape of one input."""
     tensor = about["view"] == "covariance"
-    known = TENSORS if tensor else [*COLUMNS, *SEVERAL]
+    known = EVERY_TENSOR if tensor else [*COLUMNS, *SEVERAL]
     names = [column["name"] for column in about["columns"]]
     wrong = [name for name in names if name not in known]
     check(not wrong, "columns", wrong, allowed=f"must be some of {', '.join(known)}", hint=NEWER)
@@ -192,7 +192,7 @@ def _inputs(about: Mapping[str, Any], microphones: int) -> tuple[tuple[str, ...]
     meant = [UNITS.get(name, "1") for name in names]
     check(units == meant, "columns", units, allowed=f"must be the units {meant}")
 
-    shape = [COVARIANCE_BANDS, microphones**2] if tensor else [len(names)]
+    shape = [*tensor_shape(names[0], microphones)] if tensor else [len(names)]
     given = about["input_shape"]
     check(given == shape, "input_shape", given, allowed=f"must be {shape}")
     return tuple(names), tuple(shape)

@@ -23,7 +23,7 @@ from echolearn.checks import check
 from echolearn.classifiers.inputs import COVARIANCE, as_input, stack_inputs, view_of
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics, scoring
-from echolearn.localization.columns import COVARIANCE_BANDS, UNITS
+from echolearn.localization.columns import COVARIANCE_BANDS, UNITS, tensor_shape
 from echolearn.robot import bundle, schema
 from echolearn.storage.identity import KIND, plain
 from echolearn.survey import audio
@@ -51,7 +51,7 @@ def bundle_description(
     """
     shape = [len(run.inputs)]
     if view_of(run.inputs) == COVARIANCE:
-        shape = [COVARIANCE_BANDS, len(array) ** 2]
+        shape = [*tensor_shape(run.inputs[0], len(array))]
     rows = run.metrics["rows"]["validation"]
     rule = f"largest balanced accuracy on {rows} validation rows; kept if confidence >= value"
     model = run.metrics["model"]

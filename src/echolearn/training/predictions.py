@@ -20,7 +20,7 @@ from echolearn.evaluation.rows import (
     Predictions,
     Recordings,
 )
-from echolearn.localization.columns import TENSORS
+from echolearn.localization.columns import EVERY_TENSOR
 from echolearn.simulation.scene import noise_kind
 from echolearn.storage import known, manifests
 from echolearn.training.runs import Run
@@ -52,7 +52,7 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
     if known.is_known(digest, known.MADE):
         compute = open_onnx(model)
     else:
-        compute = _limited(folder, digest, model=model, rank=2 + (inputs[0] in TENSORS))
+        compute = _limited(folder, digest, model=model, rank=2 + (inputs[0] in EVERY_TENSOR))
     return lambda x: compute(as_input(x, inputs))
 
 

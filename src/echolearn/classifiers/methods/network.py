@@ -1,9 +1,10 @@
 """Any torch network as a classifier, trained under Lightning.
 
 The loss is the cross-entropy of the logit, the optimiser AdamW. After each epoch the validation
-loss is taken; training stops when it has not fallen for `patience` epochs, and the best epoch's
-weights are put back. The run folder receives these (`best.safetensors`), `metrics.csv` and
-TensorBoard's events.
+rows are looked at; training stops when their loss, or with `monitor=auc` their AUC, has not become
+better for `patience` epochs, and the best epoch's weights are put back. The loss also falls while
+confidences merely grow bolder, which calibration undoes; the AUC asks for the order of rows alone.
+The run folder receives the weights (`best.safetensors`), `metrics.csv` and TensorBoard's events.
 
 Batches come from memory or, of large sets, from the shards (`batches`). One thread; two runs side
 by side use two cores. `accelerator` says what trains: the CPU, or what Lightning finds ("auto",
@@ -20,6 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
 import torch
 from lightning.fabric.plugins.environments.lightning import LightningEnvironment
 from lightning.fabric.utilities.rank_zero import rank_zero_only
@@ -28,10 +30,11 @@ from lightning.pytorch.callbacks import EarlyStopping
 from lightning.pytorch.core.optimizer import LightningOptimizer
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from safetensors.torch import load, save
+from sklearn.metrics import roc_auc_score
 from torch import nn
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import check, check_fields
+from echolearn.checks import check, check_choice, check_fields
 from echolearn.classifiers.batches import BLOCK, Batches, WholeEpoch, source_of
 from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.inputs import (
@@ -58,6 +61,10 @@ RANGES = {
 """Least and largest value of each setting that is a number."""
 
 
+WORST = {"loss": np.inf, "auc": -np.inf}
+"""Figures by which epochs are compared, each with the worst there is."""
+
+
 @dataclass
 class Network:
     """A network on standardised columns or on one standardised tensor.
@@ -67,11 +74,12 @@ class Network:
         net: recipe that makes the network from the shape of one row (see `architectures`).
         lr: learning rate.
         epochs: number of passes, at most.
-        patience: number of epochs without a lower validation loss before stopping.
+        patience: number of epochs without a better validation figure before stopping.
         batch_size: rows per step of the optimiser, about.
         weight_decay: weight decay of AdamW.
         noise: deviation of Gaussian noise added to standardised training inputs.
         accelerator: what trains: "cpu", "auto" (the fastest there is), "gpu" or "mps".
+        monitor: validation figure that says which epoch is best, "loss" or "auc".
         device: torch's name of what has trained, after `fit`: cpu, cuda, mps.
     """
 
@@ -84,6 +92,7 @@ class Network:
     weight_decay: float = 0.01
     noise: float = 0.0
     accelerator: str = "cpu"
+    monitor: str = "loss"
     device: str = field(init=False, repr=False)
     fitted: nn.Module = field(init=False, repr=False)
 
@@ -95,6 +104,7 @@ class Network:
         check(
             self.accelerator in there, "classifier.accelerator", self.accelerator, allowed=allowed
         )
+        check_choice("classifier.monitor", self.monitor, *WORST)
         recipe = callable(self.net) and not isinstance(self.net, nn.Module)
         allowed = "must be a recipe from echolearn.classifiers.architectures"
         check(recipe, "classifier.net", self.net, allowed=allowed)
@@ -105,7 +115,7 @@ class Network:
             self.net(shape)
 
     def fit(self, examples: Examples) -> Self:
-        """Train until the validation loss stops falling, and keep the best epoch."""
+        """Train until the validation figure gets no better, and keep the best epoch."""
         rows = rows_of(examples.x, self.inputs)
         unseen, labels = examples.validation
         scale = standardiser(rows)
@@ -137,7 +147,7 @@ class Network:
             # Sums on a GPU come in any order unless it is told otherwise.
             deterministic=None if self.accelerator == "cpu" else "warn",
             max_epochs=self.epochs,
-            callbacks=[EarlyStopping("val/loss", patience=self.patience)],
+            callbacks=[self.stopping()],
             logger=[CSVLogger(**place), board],
             plugins=[LightningEnvironment()],
             num_sanity_val_steps=0,
@@ -145,6 +155,11 @@ class Network:
             enable_progress_bar=False,
             enable_model_summary=False,
         )
+
+    def stopping(self) -> EarlyStopping:
+        """Return what ends the training once no epoch is better than the best."""
+        mode = "min" if self.monitor == "loss" else "max"
+        return EarlyStopping(f"val/{self.monitor}", patience=self.patience, mode=mode)
 
     def decision(self, x: Inputs) -> Array:
         """Return the logit, shape (B,)."""
@@ -173,13 +188,13 @@ class Training(LightningModule):
         Args:
             net: what is trained.
             settings: how.
-            best: file for the weights of the epoch with the lowest validation loss.
+            best: file for the weights of the epoch with the best validation figure.
         """
         super().__init__()
         self.net = net
         self.settings = settings
         self.best = best
-        self.lowest = torch.tensor(torch.inf)
+        self.reached = WORST[settings.monitor]
         self.loss = nn.BCEWithLogitsLoss()
         self.automatic_optimization = False
 
@@ -204,14 +219,25 @@ class Training(LightningModule):
         self.log("train/loss", total / batches.rows, on_step=False, on_epoch=True, batch_size=1)
 
     def validation_step(self, batches: Batches, _index: int) -> None:
-        """Log the mean loss on unseen positions, and keep the weights if it is the lowest."""
+        """Log how unseen positions fare, and keep the weights if that is the best so far."""
         total = torch.zeros((), device=self.device)
+        logits = []
         for x, y in batches:
-            total += self.loss_of(x.to(self.device), y) * len(y)
-        loss = (total / batches.rows).cpu()
-        self.log("val/loss", loss, batch_size=1)
-        if loss < self.lowest or self.current_epoch == 0:
-            self.lowest = loss
+            logits.append(self.net(x.to(self.device)))
+            loss: torch.Tensor = self.loss(logits[-1], y.to(self.device))
+            total += loss * len(y)
+        figures = {"loss": float(total / batches.rows)}
+        if self.settings.monitor == "auc":
+            # What has diverged orders nothing.
+            order = torch.nan_to_num(torch.cat(logits)).cpu().numpy()
+            figures["auc"] = float(roc_auc_score(batches.y.numpy(), order))
+        for name, figure in figures.items():
+            self.log(f"val/{name}", figure, batch_size=1)
+
+        found = figures[self.settings.monitor]
+        better = found < self.reached if self.settings.monitor == "loss" else found > self.reached
+        if better or self.current_epoch == 0:
+            self.reached = found
             # Tensors that share their memory are written twice, which safetensors insists on.
             weights = {name: value.clone() for name, value in self.net.state_dict().items()}
             write_atomic(self.best, save(weights))
