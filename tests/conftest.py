@@ -1,9 +1,7 @@
 """Small worlds that many tests share: the paper's robot, a live room, and what is heard in a corner
 of it."""
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import circular_array, microphone_positions
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Observation, Pose, Room
-from echolearn.comparison.choice import Comparison
 from echolearn.comparison.compare import compare
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.white import White
@@ -21,11 +18,9 @@ from echolearn.simulation.observe import add_noise
 from echolearn.simulation.rir.pyroom import Pyroom
 from echolearn.simulation.scene import Scene
 
-Hear = Callable[..., Observation]
-
 
 @pytest.fixture(scope="session", autouse=True)
-def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def state(tmp_path_factory):
     """Keep what is known of this machine's bundles in an empty folder, and return it."""
     folder = tmp_path_factory.mktemp("state")
     with pytest.MonkeyPatch.context() as patch:
@@ -34,44 +29,42 @@ def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="session")
-def scene() -> Scene:
+def scene():
     """Return the paper's robot: six microphones, 1 500 samples of noise in 20 000."""
     return Scene(circular_array(), noise_probe(), Pyroom(), White())
 
 
 @pytest.fixture(scope="session")
-def brief() -> Scene:
+def brief():
     """Return the same robot with recordings of 8 000 samples, for speed."""
     return Scene(circular_array(), noise_probe(length=8000), Pyroom(), White())
 
 
 @pytest.fixture(scope="session")
-def chamber() -> Room:
+def chamber():
     """Return a small room with a short reverberation."""
     return Room((6.0, 5.0, 4.0), 0.2)
 
 
 @pytest.fixture(scope="session")
-def study() -> tuple[Room, Pose]:
+def study():
     """Return the paper's SNR study: 10 x 8 x 5 m, 1.0 and 1.5 m from two walls, microphone 1 at 90
     degrees."""
     return Room((10.0, 8.0, 5.0), 0.6), Pose(np.array([1.0, 1.5, 2.4]), np.pi / 2)
 
 
 @pytest.fixture(scope="session")
-def beside() -> tuple[Room, Pose]:
+def beside():
     """Return the same room with one wall within 2 m, 1 m behind the robot."""
     return Room((10.0, 8.0, 5.0), 0.6), Pose(np.array([1.0, 4.1, 2.4]))
 
 
 @pytest.fixture(scope="session")
-def hear(scene: Scene) -> Hear:
+def hear(scene):
     """Return a function that hears a place `trials` times at an SNR, each time with fresh noise."""
-    responses: dict[tuple[float, ...], np.ndarray] = {}
+    responses = {}
 
-    def heard(
-        place: tuple[Room, Pose], *, snr_db: float, trials: int, probe: int = 0
-    ) -> Observation:
+    def heard(place, *, snr_db, trials, probe=0):
         room, pose = place
         key = (*pose.position, pose.heading)
         if key not in responses:
@@ -90,24 +83,24 @@ def hear(scene: Scene) -> Hear:
 
 
 @pytest.fixture(scope="session")
-def world(tmp_path_factory: pytest.TempPathFactory) -> small.World:
+def world(tmp_path_factory):
     """Return a small world; not to be changed."""
     return small.make(tmp_path_factory.mktemp("world"))
 
 
 @pytest.fixture(scope="session")
-def comparison(world: small.World) -> Comparison:
+def comparison(world):
     """Return its comparison, evaluated as `compare` does."""
     return small.evaluated(world)
 
 
 @pytest.fixture(scope="session")
-def compared(world: small.World) -> Path:
+def compared(world):
     """Return the folder of the world's comparison, made by one process; not to be changed."""
     return compare(name="small", workers=1, **world.arguments)
 
 
 @pytest.fixture(scope="session")
-def packed(world: small.World, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def packed(world, tmp_path_factory):
     """Return the bundle of the world's trees; not to be changed."""
     return small.pack(world, "trees_features", tmp_path_factory.mktemp("packed"))

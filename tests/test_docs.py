@@ -17,20 +17,20 @@ FILES = dict(found for page in PAGES for found in SHOWN.findall(page.read_text()
 """Files that pages show, by their path."""
 
 
-def code(page: Path) -> str:
+def code(page):
     """Return the Python on a page that is no file of its own."""
     [block] = re.findall(r"(?<!`:\n\n)```python\n(.*?)^```", page.read_text(), re.M | re.S)
     return str(block)
 
 
-def test_every_yaml_file_on_a_page_has_a_name() -> None:
+def test_every_yaml_file_on_a_page_has_a_name():
     """So that it is tested: what follows covers all that have."""
     fences = [fence for page in PAGES for fence in re.findall("^```yaml", page.read_text(), re.M)]
     assert len(fences) == sum(name.endswith(".yaml") for name in FILES)
 
 
 @pytest.fixture(scope="module")
-def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def extended(tmp_path_factory):
     """Return a copy of the project to which the files on the pages have been added."""
     place = tmp_path_factory.mktemp("extended")
     for folder in ("src", "conf", "tests"):
@@ -42,7 +42,7 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def checked(place: Path, *tests: str) -> int:
+def checked(place, *tests):
     """Run tests of the copy on what the pages add to it, and return how many have passed."""
     names = " or ".join(Path(name).stem for name in FILES)
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-k", names]
@@ -52,20 +52,18 @@ def checked(place: Path, *tests: str) -> int:
     return int(re.findall(r"(\d+) passed", run.stdout.decode())[-1])
 
 
-def test_shown_configurations_compose_build_and_have_all_keys(extended: Path) -> None:
+def test_shown_configurations_compose_build_and_have_all_keys(extended):
     added = sum(name.endswith(".yaml") for name in FILES)
     assert checked(extended, "tests/cli/test_configs.py") >= 3 * added
 
 
 @pytest.mark.release
-def test_shown_parts_keep_the_contracts(extended: Path) -> None:
+def test_shown_parts_keep_the_contracts(extended):
     rooms = "classifiers localization simulation runtime dataset"
     assert checked(extended, *(f"tests/{room}" for room in rooms.split())) > 50
 
 
-def test_the_readme_is_one_page_and_its_code_runs(
-    packed: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_readme_is_one_page_and_its_code_runs(packed, capsys, monkeypatch):
     monkeypatch.chdir(ROOT)
     assert (ROOT / "README.md").read_text().count("\n") <= 120
     exec(code(ROOT / "README.md").replace("runs/bundles/best", str(packed)), {})
@@ -82,10 +80,10 @@ PATHS = {
 """For each command its functions, with the name by which the former calls it."""
 
 
-def source(path: str, name: str) -> str:
+def source(path, name):
     """Return the text of a function or method."""
     text = (ROOT / "src" / "echolearn" / path).read_text()
-    node: ast.AST = ast.parse(text)
+    node = ast.parse(text)
     for part in name.split("."):
         inside = [n for n in ast.iter_child_nodes(node) if getattr(n, "name", "") == part]
         assert inside, f"{path} has no {name}"
@@ -93,7 +91,7 @@ def source(path: str, name: str) -> str:
     return str(ast.get_source_segment(text, node))
 
 
-def test_the_page_follows_the_commands_that_make_something() -> None:
+def test_the_page_follows_the_commands_that_make_something():
     assert set(PATHS) == {
         *"generate train compare survey import export check map".split(),
         "localize",
@@ -101,7 +99,7 @@ def test_the_page_follows_the_commands_that_make_something() -> None:
 
 
 @pytest.mark.parametrize("title", PATHS)
-def test_each_step_from_a_command_to_the_arithmetic_names_the_next(title: str) -> None:
+def test_each_step_from_a_command_to_the_arithmetic_names_the_next(title):
     steps = PATHS[title]
     if title != "localize":
         assert steps[0][:2] == ("cli/commands.py", f"_{title}") and len(steps) <= 6
@@ -111,14 +109,14 @@ def test_each_step_from_a_command_to_the_arithmetic_names_the_next(title: str) -
     assert re.search(r"\b(np|fft)\.", source(*steps[-1][:2]))
 
 
-def test_every_room_has_its_line() -> None:
+def test_every_room_has_its_line():
     package = ROOT / "src" / "echolearn"
     rooms = {path.parent.name for path in package.glob("*/__init__.py")} | {"checks"}
     assert rooms == set(re.findall(r"^\| `([a-z]+)` \|", ARCHITECTURE, re.M))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_every_file_that_a_page_names_is_there(page: Path) -> None:
+def test_every_file_that_a_page_names_is_there(page):
     known = [ROOT, ROOT / "src" / "echolearn"]
     for name in re.findall(r"`([\w./]+/\w+\.(?:py|yaml|md))\b", page.read_text()):
         assert name in FILES or any((place / name).exists() for place in known), name

@@ -20,17 +20,17 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 EXAMPLE, SHORT = EXAMPLES / "read_bundle.py", EXAMPLES / "survey" / "short"
 
 
-def read(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
+def read(*words, **environment):
     """Run the example where echolearn cannot be imported."""
     code = (
         "import runpy, sys; sys.modules['echolearn'] = None; "
         "runpy.run_path(sys.argv.pop(1), run_name='__main__')"
     )
     command, environment = [sys.executable, "-c", code, EXAMPLE, *words], os.environ | environment
-    return subprocess.run(command, capture_output=True, text=True, env=environment)  # type: ignore[arg-type]
+    return subprocess.run(command, capture_output=True, text=True, env=environment)
 
 
-def test_a_bundle_is_read_by_its_documented_format_alone(packed: Path, tmp_path: Path) -> None:
+def test_a_bundle_is_read_by_its_documented_format_alone(packed, tmp_path):
     done = read(packed, HOME=str(tmp_path))
     assert done.returncode == 0 and done.stderr == "" and not any(tmp_path.iterdir())
     [difference] = re.findall(r"golden confidences: (\S+)", done.stdout)
@@ -40,7 +40,7 @@ def test_a_bundle_is_read_by_its_documented_format_alone(packed: Path, tmp_path:
     assert f"of 32 golden inputs {kept} are kept" in done.stdout
 
 
-def test_damage_is_named(packed: Path, tmp_path: Path) -> None:
+def test_damage_is_named(packed, tmp_path):
     for name in ("bundle.json", "model.onnx"):
         folder = shutil.copytree(packed, tmp_path / name)
         data = (folder / name).read_bytes()
@@ -51,7 +51,7 @@ def test_damage_is_named(packed: Path, tmp_path: Path) -> None:
         assert done.returncode != 0 and f"{name}: damaged" in done.stderr
 
 
-def test_what_is_no_bundle_is_one_line(packed: Path, tmp_path: Path) -> None:
+def test_what_is_no_bundle_is_one_line(packed, tmp_path):
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "bundle.json").write_text("{}")
     (tmp_path / "text").mkdir()
@@ -75,7 +75,7 @@ def test_what_is_no_bundle_is_one_line(packed: Path, tmp_path: Path) -> None:
         assert said in done.stderr and done.stderr.count("\n") == 1
 
 
-def test_the_short_survey_is_what_its_command_makes(tmp_path: Path) -> None:
+def test_the_short_survey_is_what_its_command_makes(tmp_path):
     """To the byte where it was made; on other processors to rounding."""
     command = json.loads((SHORT / "manifest.json").read_text())["command"]
     assert command in (EXAMPLES / "README.md").read_text()
@@ -88,7 +88,7 @@ def test_the_short_survey_is_what_its_command_makes(tmp_path: Path) -> None:
     assert (made.folder / "survey.yaml").read_bytes() == (SHORT / "survey.yaml").read_bytes()
 
 
-def test_the_short_survey_is_mapped(packed: Path, tmp_path: Path) -> None:
+def test_the_short_survey_is_mapped(packed, tmp_path):
     """Its recordings hold the nearest walls' echoes and little more, which is enough."""
     scores = json.loads(
         (map_survey(survey=SHORT, bundle=packed, runs=tmp_path) / "manifest.json").read_text()

@@ -15,7 +15,7 @@ import echolearn
 ROOT = Path(__file__).parents[1]
 
 
-def test_everything_that_is_needed_is_locked_with_hashes() -> None:
+def test_everything_that_is_needed_is_locked_with_hashes():
     """An installation of one version and other bytes is refused by pip."""
     entry = r"^[\w.-]+==[\w.]+ \\\n(?:    --hash=sha256:[0-9a-f]{64}(?: \\)?\n)+"
     for name in ("requirements.lock", "requirements-cuda.lock"):
@@ -30,7 +30,7 @@ def test_everything_that_is_needed_is_locked_with_hashes() -> None:
 
 
 @pytest.mark.release
-def test_the_wheel_carries_the_configurations_and_works_elsewhere(tmp_path: Path) -> None:
+def test_the_wheel_carries_the_configurations_and_works_elsewhere(tmp_path):
     build = [
         sys.executable,
         "-m",

@@ -5,7 +5,6 @@ makes hundreds of observations a matter of seconds. Where a share was counted be
 trials, it is compared within three standard deviations of the difference of two such counts.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,11 +20,9 @@ from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.methods.svm import Svm
 from echolearn.cli.compose import compose
 from echolearn.cli.config import build
-from echolearn.dataset.plans import GridPlan, Plan
 from echolearn.evaluation import metrics
 from echolearn.evaluation.coverage import attainable
 from echolearn.localization.features import peak_columns
-from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
@@ -33,17 +30,15 @@ from echolearn.localization.methods.snls import Snls
 from echolearn.mapping.echo_map import echo_map
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.observe import add_noise
-from echolearn.simulation.scene import Scene
 from echolearn.simulation.walk import trajectory
 
 RATE = 22050.0
 
 
-def configured(name: str) -> Plan:
+def configured(name):
     """Return a plan as configured."""
     [(_, config)] = compose("generate", [f"plan={name}", "rir=images"])
-    plan: Plan = build(config["plan"], "plan")
-    return plan
+    return build(config["plan"], "plan")
 
 
 class Estimates(NamedTuple):
@@ -55,7 +50,7 @@ class Estimates(NamedTuple):
     group: Array
 
 
-def estimate(plan: Plan, rows: Sequence[int], *, snr_db: Sequence[float] = ()) -> Estimates:
+def estimate(plan, rows, *, snr_db=()):
     """Estimate the TOA of rows of a plan at its own SNRs, or each row at all of `snr_db`."""
     single = MicArray(plan.scene.array.positions[:1])
     scene = replace(plan.scene, array=single)
@@ -77,32 +72,30 @@ def estimate(plan: Plan, rows: Sequence[int], *, snr_db: Sequence[float] = ()) -
     return Estimates(*map(np.array, zip(*found, strict=True)))
 
 
-def true_lags(plan: Plan, room: Room, pose: Pose) -> Array:
+def true_lags(plan, room, pose):
     """Return the true times of arrival in samples, shape (W,)."""
     return true_echoes(room, pose, array=plan.scene.array).toa * RATE
 
 
 @pytest.fixture(scope="module")
-def paper() -> GridPlan:
+def paper():
     """Return the paper's grid."""
-    plan = configured("paper")
-    assert isinstance(plan, GridPlan)
-    return plan
+    return configured("paper")
 
 
 @pytest.fixture(scope="module")
-def grid_lags(paper: GridPlan) -> Array:
+def grid_lags(paper):
     """Return the true times of arrival at every position of the grid, (positions, W), samples."""
     return np.array([true_lags(paper, paper.room, Pose(place)) for place in paper.positions])
 
 
 @pytest.fixture(scope="module")
-def on_grid(paper: GridPlan) -> Estimates:
+def on_grid(paper):
     """Return the estimates of every row of `paper`."""
     return estimate(paper, range(len(paper)))
 
 
-def agrees(share: float, expected: float, *, trials: int) -> bool:
+def agrees(share, expected, *, trials):
     """Tell whether two counted shares agree within three standard deviations."""
     spread = np.sqrt(expected * (1 - expected) * 2 / trials)
     return bool(abs(share - expected) <= 3 * spread)
@@ -111,15 +104,15 @@ def agrees(share: float, expected: float, *, trials: int) -> bool:
 # ---------------------------------------------------------------- the grid
 
 
-def test_two_readings_give_1989_rows(paper: GridPlan) -> None:
+def test_two_readings_give_1989_rows(paper):
     assert len(paper) == len(configured("paper_planar")) == 1989
 
 
-def test_the_authors_window_is_116_to_244(paper: GridPlan) -> None:
+def test_the_authors_window_is_116_to_244(paper):
     assert paper.window.lags(paper.scene.array, RATE) == (116, 244)
 
 
-def test_71_percent_of_the_grid_have_a_wall_in_the_window(grid_lags: Array) -> None:
+def test_71_percent_of_the_grid_have_a_wall_in_the_window(grid_lags):
     """A wall 1.0 m ahead of microphone 1 comes at (2 - 0.2) fs / c = 115.7: inside once rounded, as
     the window is. So the share of literal times is smaller than that of rounded ones."""
     inside = [(lags >= 116) & (lags <= 244) for lags in (grid_lags, grid_lags.round())]
@@ -128,9 +121,7 @@ def test_71_percent_of_the_grid_have_a_wall_in_the_window(grid_lags: Array) -> N
     assert rounded == pytest.approx(0.729, abs=0.001)
 
 
-def test_only_three_wall_distances_ever_fall_into_the_window(
-    paper: GridPlan, grid_lags: Array
-) -> None:
+def test_only_three_wall_distances_ever_fall_into_the_window(paper, grid_lags):
     """A time of arrival says which wall it is, and a classifier can learn these few by heart."""
     near, size = paper.positions, np.array(paper.room.size)
     walls = np.stack([near, size - near], axis=-1).reshape(len(near), 6)
@@ -138,7 +129,7 @@ def test_only_three_wall_distances_ever_fall_into_the_window(
     assert np.unique(walls[inside].round(6)).tolist() == [1.0, 1.5, 2.0]
 
 
-def test_a_random_time_is_labelled_a_reflector_in_13_percent(grid_lags: Array) -> None:
+def test_a_random_time_is_labelled_a_reflector_in_13_percent(grid_lags):
     """Over all positions and lags, without drawing any."""
     late = np.abs(grid_lags[:, :, None] - np.arange(116, 245))
     assert (late < 10).any(axis=1).mean() == pytest.approx(0.13, abs=0.01)
@@ -150,18 +141,18 @@ SHARES = {40.0: 0.71, 0.0: 0.71, -5.0: 0.69, -10.0: 0.48, -20.0: 0.20, -40.0: 0.
 
 
 @pytest.fixture(scope="module")
-def by_snr(paper: GridPlan) -> Array:
+def by_snr(paper):
     """Return which of a random third of the grid are reflectors, at every SNR."""
     rows = np.random.default_rng(0).permutation(len(paper))[:663]
     return estimate(paper, rows.tolist(), snr_db=[*SHARES]).reflector
 
 
 @pytest.mark.parametrize("column", range(len(SHARES)), ids=str)
-def test_s_nls_is_right_as_often_as_counted_before(by_snr: Array, column: int) -> None:
+def test_s_nls_is_right_as_often_as_counted_before(by_snr, column):
     assert agrees(by_snr[:, column].mean(), [*SHARES.values()][column], trials=663)
 
 
-def test_s_nls_is_never_better_in_more_noise(by_snr: Array) -> None:
+def test_s_nls_is_never_better_in_more_noise(by_snr):
     """Nor does quiet help beyond 0 dB: the rest has no wall in the window. In pure noise it is
     chance."""
     shares = by_snr.mean(axis=0)
@@ -171,12 +162,12 @@ def test_s_nls_is_never_better_in_more_noise(by_snr: Array) -> None:
     assert counted.proportion_ci(0.997, method="wilson").low <= 0.138
 
 
-def test_half_of_the_paper_set_are_reflectors(on_grid: Estimates) -> None:
+def test_half_of_the_paper_set_are_reflectors(on_grid):
     assert on_grid.reflector.shape == (1989, 1)
     assert agrees(on_grid.reflector.mean(), 0.53, trials=1989)
 
 
-def test_a_third_of_the_planar_set_are_reflectors() -> None:
+def test_a_third_of_the_planar_set_are_reflectors():
     """Counted by position, since each of the 221 has nine rows."""
     plan = configured("paper_planar")
     found = estimate(plan, range(len(plan)))
@@ -192,13 +183,13 @@ ROOMS = ("offgrid_10x8x6", "offgrid_8x6x5")
 
 
 @pytest.fixture(scope="module", params=ROOMS)
-def off_grid(request: pytest.FixtureRequest) -> Estimates:
+def off_grid(request):
     """Return estimates at random positions: in the training room, and in one never trained on."""
     return estimate(configured(request.param), range(400))
 
 
 @pytest.fixture(scope="module")
-def memory(on_grid: Estimates, tmp_path_factory: pytest.TempPathFactory) -> tuple[Svm, Array]:
+def memory(on_grid, tmp_path_factory):
     """Return an SVM on the TOA alone, trained on 80 % of the grid, and the rows it never saw."""
     rows = np.random.default_rng(0).permutation(len(on_grid.toa))
     train, held = rows[398:], rows[:398]
@@ -210,25 +201,21 @@ def memory(on_grid: Estimates, tmp_path_factory: pytest.TempPathFactory) -> tupl
     return svm, held
 
 
-def auc(found: Estimates, belief: Array, rows: Array | slice = slice(None)) -> float:
+def auc(found, belief, rows=slice(None)):
     return float(metrics.auc(found.reflector[rows, 0], belief[rows]))
 
 
-def test_on_the_grid_the_time_alone_tells_reflectors(
-    on_grid: Estimates, memory: tuple[Svm, Array]
-) -> None:
+def test_on_the_grid_the_time_alone_tells_reflectors(on_grid, memory):
     svm, held = memory
     assert 0.85 < auc(on_grid, svm.decision(on_grid.toa.astype(np.float32)), held) < 0.97
 
 
-def test_off_the_grid_it_tells_nothing(off_grid: Estimates, memory: tuple[Svm, Array]) -> None:
+def test_off_the_grid_it_tells_nothing(off_grid, memory):
     """Not even in the very room that it was trained in."""
     assert auc(off_grid, memory[0].decision(off_grid.toa.astype(np.float32))) < 0.6
 
 
-def test_how_far_the_peak_stands_out_tells_it_everywhere(
-    on_grid: Estimates, off_grid: Estimates
-) -> None:
+def test_how_far_the_peak_stands_out_tells_it_everywhere(on_grid, off_grid):
     here, there = (auc(found, found.peak_to_rms[:, 0]) for found in (on_grid, off_grid))
     assert here == pytest.approx(0.92, abs=0.04)
     assert there == pytest.approx(0.905, abs=0.05)
@@ -239,11 +226,10 @@ def test_how_far_the_peak_stands_out_tells_it_everywhere(
 
 ROOM = Room((8.0, 6.0, 5.0), 0.6)
 WALK = trajectory(ROOM)
-Walked = tuple[Scene, list[Array]]
 
 
 @pytest.fixture(scope="module")
-def walked() -> Walked:
+def walked():
     """Return the robot, and what it receives along the default walk before any noise."""
     scene = configured("paper").scene
     return scene, [scene.received(ROOM, pose) for pose in WALK]
@@ -264,8 +250,8 @@ def walked() -> Walked:
     ],
 )
 def test_the_papers_direction_loses_the_map_that_the_gated_one_keeps(
-    walked: Walked, localizer: Callable[[], Localizer], snr_db: float, low: float, high: float
-) -> None:
+    walked, localizer, snr_db, low, high
+):
     """Shares of map points within 0.10 m of a wall, of those that the walk could give.
 
     At 0 dB it depends on the walk: whole-recording MPDR loses a wall fast with its distance (right

@@ -72,35 +72,35 @@ FOREIGN = {
 }
 
 
-def test_the_drawing_shows_the_imports_as_they_are() -> None:
+def test_the_drawing_shows_the_imports_as_they_are():
     """If not: make architecture."""
     assert (ROOT / "docs" / "architecture.svg").read_text() == HOUSE["draw"]()
 
 
-def test_imports_go_down_only() -> None:
+def test_imports_go_down_only():
     assert {(a, b) for a, b in ARROWS if ROOMS.index(a) > ROOMS.index(b)} == set()
 
 
-def test_the_house_is_low_and_has_few_stairs() -> None:
+def test_the_house_is_low_and_has_few_stairs():
     graph = HOUSE["rooms"]()
     assert len(ARROWS) <= 100
     assert max(HOUSE["floor"](graph, name) for name in graph) <= 10
 
 
-def test_no_circle_of_files() -> None:
+def test_no_circle_of_files():
     TopologicalSorter(HOUSE["files"]()).prepare()
 
 
-def test_what_runs_on_a_robot_imports_nothing_else() -> None:
+def test_what_runs_on_a_robot_imports_nothing_else():
     assert {(a, b) for a, b in ARROWS if a in ROBOT and b not in ROBOT} == set()
 
 
-def test_each_library_is_imported_by_its_owners_only() -> None:
+def test_each_library_is_imported_by_its_owners_only():
     owned = {(a, name) for names, rooms in OWNERS.items() for name in names.split() for a in rooms}
     assert FOREIGN - owned == set()
 
 
-def test_each_library_is_declared() -> None:
+def test_each_library_is_declared():
     """Not left to those that happen to need it, too."""
     text = (ROOT / "pyproject.toml").read_text()
     project = tomllib.loads(text)["project"]
@@ -110,13 +110,13 @@ def test_each_library_is_declared() -> None:
         assert DISTRIBUTIONS.get(name, name.replace("_", "-")) in wanted
 
 
-def test_nothing_reads_or_writes_pickles() -> None:
+def test_nothing_reads_or_writes_pickles():
     unsafe = r"import (pickle|shelve|marshal)\b|allow_pickle=True|weights_only=False"
     assert [path for path in FILES.values() if re.search(unsafe, path.read_text())] == []
 
 
 @pytest.mark.parametrize(("folder", "groups"), IMPLEMENTATIONS.items())
-def test_what_a_glob_finds_is_what_can_be_chosen(folder: str, groups: list[str]) -> None:
+def test_what_a_glob_finds_is_what_can_be_chosen(folder, groups):
     configs = [path.read_text() for each in groups for path in ROOT.glob(f"conf/{each}/*.yaml")]
     chosen = re.findall(rf"echolearn\.({folder}\.\w+)\.", " ".join(configs))
     assert {name for name in FILES if name.startswith(folder)} == set(chosen)
@@ -131,7 +131,7 @@ def test_what_a_glob_finds_is_what_can_be_chosen(folder: str, groups: list[str])
         ("simulation.survey, echolearn.training.runs, echolearn.comparison.compare", {"yaml"}),
     ],
 )
-def test_robots_and_finished_work_wait_for_no_heavy_library(name: str, libraries: set[str]) -> None:
+def test_robots_and_finished_work_wait_for_no_heavy_library(name, libraries):
     heavy = {library for _, library in FOREIGN} - {"numpy", "scipy", "filelock", "threadpoolctl"}
     code = f"import sys, echolearn.{name}; print(*{heavy} & sys.modules.keys())"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

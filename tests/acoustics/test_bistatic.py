@@ -11,7 +11,7 @@ import reference
 from echolearn.acoustics import bistatic
 from echolearn.acoustics.geometry import SearchWindow, direction
 from echolearn.acoustics.rooms import true_echoes
-from echolearn.acoustics.types import Array, MicArray, Pose, Room
+from echolearn.acoustics.types import MicArray, Pose, Room
 from reference import RATE, RING
 
 SIZE = (10.0, 8.0, 6.0)
@@ -21,13 +21,13 @@ PLACE = st.tuples(st.floats(1.2, 8.8), st.floats(1.2, 6.8), st.floats(1.2, 4.8))
 SEED = st.integers(0, 10**6)
 
 
-def apart(seed: int, microphones: int = 5) -> MicArray:
+def apart(seed, microphones=5):
     """Return microphones in a box of 0.3 m whose middle lies up to 0.6 m from the loudspeaker."""
     rng = np.random.default_rng(seed)
     return MicArray(rng.uniform(-0.35, 0.35, 3) + rng.uniform(-0.15, 0.15, (microphones, 3)))
 
 
-def of_truth(place: Array, heading: float, array: MicArray) -> tuple[Array, Array, Array]:
+def of_truth(place, heading, array):
     """Return times, azimuths and elevations of the mirror sources, by the room's coordinates."""
     microphones = reference.microphones(array.positions, place, heading)
     seen = np.array(reference.images(SIZE, place))
@@ -70,7 +70,7 @@ def test_walls_and_echoes_are_each_others_inverse(distance, azimuth, elevation, 
     assert bistatic.wall_distance(toa, toward, array=array) == pytest.approx(distance, abs=1e-9)
 
 
-def echo_of(distance: float, azimuth: float, array: MicArray) -> Array:
+def echo_of(distance, azimuth, array):
     """Return path and azimuth of an upright wall's echo."""
     normal = direction(azimuth, math.pi / 2)
     x, y, _ = bistatic.echo_direction(distance, normal, array=array)

@@ -1,7 +1,6 @@
 """Rooms of any outline: what they are, what is refused, what their sides send back."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ PILLAR = ((1.0, 1.0), (1.0, 1.5), (1.5, 1.5), (1.5, 1.0))
 FURNISHED = PolygonRoom(L, 2.5, 0.6, pillars=(PILLAR,), doors=((0, 0.5, 1.5), (0, 3.0, 4.0)))
 
 
-def test_size_and_sabine_by_hand() -> None:
+def test_size_and_sabine_by_hand():
     """The L has 12 m^2, its pillar takes 0.25; around them are 16 and 2 m of wall."""
     assert FURNISHED.area == pytest.approx(11.75)
     assert FURNISHED.volume == pytest.approx(29.375)
@@ -32,7 +31,7 @@ def test_size_and_sabine_by_hand() -> None:
 
 
 @pytest.mark.parametrize("turn", [1, -1])
-def test_faces_have_the_room_to_their_left(turn: int) -> None:
+def test_faces_have_the_room_to_their_left(turn):
     """However corners are given; doors cut sides, and belong to no wall."""
     doors = ((0, 0.5, 1.5), (0, 3.0, 4.0)) if turn == 1 else ((4, 0.0, 1.0), (4, 2.5, 3.5))
     corners = L[::turn]
@@ -55,7 +54,7 @@ def test_faces_have_the_room_to_their_left(turn: int) -> None:
     st.tuples(st.floats(0.3, 7.7), st.floats(0.3, 5.7), st.floats(0.3, 4.7)).map(np.array),
     st.floats(-math.pi, math.pi),
 )
-def test_a_box_drawn_as_a_polygon_has_the_echoes_of_a_box(place: Any, heading: float) -> None:
+def test_a_box_drawn_as_a_polygon_has_the_echoes_of_a_box(place, heading):
     factors = (1.0, 0.5, 0.0, 1.0, 0.9, 1.0)
     box = Room((8.0, 6.0, 5.0), 0.6, factors)
     drawn = PolygonRoom(
@@ -72,7 +71,7 @@ def test_a_box_drawn_as_a_polygon_has_the_echoes_of_a_box(place: Any, heading: f
     assert rooms.most_echoes(box) == rooms.most_echoes(drawn) == 6
 
 
-def test_echoes_are_those_that_nothing_hides() -> None:
+def test_echoes_are_those_that_nothing_hides():
     """In the upper leg of the L the pillar hides the wall at y = 0."""
     array = circular_array(microphones=2, radius=0.01)
     above = Pose(np.array([1.25, 3.0, 1.25]), 0.0)
@@ -86,7 +85,7 @@ def test_echoes_are_those_that_nothing_hides() -> None:
     assert np.allclose(found, [0.5, 0.8, 2.0], atol=0.01)
 
 
-def test_inside_is_off_walls_and_pillars() -> None:
+def test_inside_is_off_walls_and_pillars():
     points = np.array([[3, 1, 1], [3, 3, 1], [1.2, 1.2, 1], [1, 3, 3], [-1, 1, 1], [1, 3, 1.0]])
     assert rooms.inside(FURNISHED, points).tolist() == [True, False, False, False, False, True]
     array = circular_array(radius=0.2)
@@ -95,7 +94,7 @@ def test_inside_is_off_walls_and_pillars() -> None:
         rooms.check_inside(FURNISHED, Pose(np.array([1.0, 0.9, 1.0])), array=array)
 
 
-def test_lines_are_joined_and_closed_where_they_meet() -> None:
+def test_lines_are_joined_and_closed_where_they_meet():
     lines = sides.polylines(rooms.outline(FURNISHED))
     closed = [bool((line[0] == line[-1]).all()) for line in lines]
     # The wall up to the first door, the one between both, the rest of the outline, the pillar.
@@ -126,6 +125,6 @@ def test_lines_are_joined_and_closed_where_they_meet() -> None:
         ({"doors": (1, 0, 2)}, "room.doors=1: must be (side, from, to) each; are brackets"),
     ],
 )
-def test_what_is_no_room_is_refused_in_one_line(change: dict[str, Any], message: str) -> None:
+def test_what_is_no_room_is_refused_in_one_line(change, message):
     with refused(message):
         PolygonRoom(**{"corners": SQUARE, "height": 2.5, "t60": 0.6} | change)

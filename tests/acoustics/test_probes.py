@@ -1,8 +1,6 @@
 """Every probe: what it is made of, and what it cannot be."""
 
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +8,7 @@ from scipy.io import wavfile
 
 from echolearn.acoustics.probes import mls_probe, sweep_probe
 from echolearn.acoustics.signals import convolve, matched_filter
-from echolearn.acoustics.types import Array, Probe
+from echolearn.acoustics.types import Probe
 from echolearn.checks import BadValue
 from echolearn.cli.compose import compose
 from echolearn.cli.config import build, folder
@@ -23,7 +21,7 @@ SWEEPS = pytest.mark.parametrize("law", ["linear", "exponential"])
 
 
 @pytest.fixture(scope="module")
-def probes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Probe]:
+def probes(tmp_path_factory):
     """Return the probe of each file of the group, as the command line has it."""
     path = tmp_path_factory.mktemp("probes") / "played.wav"
     burst = np.random.default_rng(0).uniform(-1, 1, 900)
@@ -36,7 +34,7 @@ def probes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Probe]:
 
 
 @cache
-def density(probe: bytes) -> tuple[Array, Array]:
+def density(probe):
     """Return frequencies in Hz, and the share of a burst's energy below each."""
     samples = np.frombuffer(probe)
     power = np.abs(np.fft.rfft(samples, 8 * len(samples))) ** 2
@@ -45,9 +43,7 @@ def density(probe: bytes) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_probe_is_a_burst_that_tells_where_an_echo_is(
-    name: str, probes: dict[str, Probe]
-) -> None:
+def test_a_probe_is_a_burst_that_tells_where_an_echo_is(name, probes):
     """All come after one another, as the matched filter has them; a WAV holds them exactly."""
     probe = probes[name]
     samples = probe.samples
@@ -69,13 +65,13 @@ def test_a_probe_is_a_burst_that_tells_where_an_echo_is(
 
 
 @pytest.mark.parametrize("name", ["mls", "noise"])
-def test_what_is_white_has_energy_everywhere(name: str, probes: dict[str, Probe]) -> None:
+def test_what_is_white_has_energy_everywhere(name, probes):
     frequency, below = density(probes[name].samples.tobytes())
     assert np.abs(below - frequency / frequency[-1]).max() < 0.03
 
 
 @SWEEPS
-def test_a_sweep_has_its_energy_in_its_band(law: str) -> None:
+def test_a_sweep_has_its_energy_in_its_band(law):
     """Per octave the exponential one has as much in each; per Hz the linear one."""
     probe = sweep_probe(law=law, low=500.0, high=8000.0, seconds=0.2)
     frequency, below = density(probe.samples.tobytes())
@@ -86,7 +82,7 @@ def test_a_sweep_has_its_energy_in_its_band(law: str) -> None:
 
 
 @SWEEPS
-def test_the_frequency_of_a_sweep_grows_by_its_law(law: str) -> None:
+def test_the_frequency_of_a_sweep_grows_by_its_law(law):
     """Read off the zeros of the wave, Farina's formula for the exponential one."""
     low, high, seconds = 500.0, 8000.0, 0.5
     samples = sweep_probe(
@@ -100,7 +96,7 @@ def test_the_frequency_of_a_sweep_grows_by_its_law(law: str) -> None:
     assert np.median(np.abs(period * expected - 1)) < 2e-3
 
 
-def test_cyclic_copies_of_a_maximum_length_sequence_are_orthogonal_but_for_one() -> None:
+def test_cyclic_copies_of_a_maximum_length_sequence_are_orthogonal_but_for_one():
     samples = mls_probe(bits=9).samples
     assert len(samples) == 511
     assert set(samples) == {1.0, -1.0}
@@ -108,12 +104,12 @@ def test_cyclic_copies_of_a_maximum_length_sequence_are_orthogonal_but_for_one()
     assert np.allclose(cyclic, [511.0] + 510 * [-1.0])
 
 
-def test_a_file_gives_the_burst_that_is_in_it(probes: dict[str, Probe]) -> None:
+def test_a_file_gives_the_burst_that_is_in_it(probes):
     played = np.random.default_rng(0).uniform(-1, 1, 900)
     assert np.allclose(probes["file"].samples, played, atol=1e-7)
 
 
-def written(tmp_path: Path, samples: Array, rate: float = RATE) -> str:
+def written(tmp_path, samples, rate=RATE):
     """Return the path of a WAV file."""
     path = tmp_path / "played.wav"
     wavfile.write(path, int(rate), samples.astype(np.float32))
@@ -121,7 +117,7 @@ def written(tmp_path: Path, samples: Array, rate: float = RATE) -> str:
 
 
 BURST = np.ones(100)
-FAULTS: dict[str, tuple[Any, str]] = {
+FAULTS = {
     "none": (lambda _: probe_file(None), "probe.path=None: must be a WAV file; scene.probe.path="),
     "silence": (
         lambda place: probe_file(written(place, 0 * BURST)),
@@ -161,7 +157,7 @@ FAULTS: dict[str, tuple[Any, str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_what_is_no_probe_is_said_in_one_line(fault: str, tmp_path: Path) -> None:
+def test_what_is_no_probe_is_said_in_one_line(fault, tmp_path):
     make, message = FAULTS[fault]
     with pytest.raises(BadValue, match=message) as error:
         make(tmp_path)

@@ -10,7 +10,6 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,14 +26,12 @@ from echolearn.checks import BadValue
 from echolearn.cli.commands import localizers
 from echolearn.cli.config import folder as conf
 from echolearn.cli.main import main
-from echolearn.dataset.plans import ScatteredPlan
 from echolearn.runtime.timing import Spread
 from echolearn.simulation.rir.images import Images
-from echolearn.simulation.scene import Scene
 from echolearn.storage import manifests
 from echolearn.storage.identity import kind_of
 from echolearn.storage.marked_page import around
-from world import TRAINED, World, pack, plans
+from world import TRAINED, pack, plans
 
 FILES = {"bench.csv", "repetitions.csv", "bench.md", "machine.json"}
 DOCS = Path(__file__).parents[2] / "docs"
@@ -48,14 +45,13 @@ MACHINE = {
 TEXT = f"before\n{PAGE.begin}\nold\n{PAGE.end}\nbetween\n{SCALING.begin}\n{SCALING.end}\nafter\n"
 
 
-def few(rows: int) -> ScatteredPlan:
+def few(rows):
     """Return a plan of some rows in one room."""
     plan = plans()[2]
-    assert isinstance(plan, ScatteredPlan)
     return replace(plan, rows=rows, shard_rows=4)
 
 
-SMALL: dict[str, Any] = {
+SMALL = {
     "plan": few(8),
     "growing": few(4),
     "localizers": {"gated": few(8).localizer},
@@ -74,7 +70,7 @@ SMALL: dict[str, Any] = {
 
 
 @pytest.fixture(scope="module")
-def made(world: World, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(world, tmp_path_factory):
     """Return the folder of a small benchmark of everything, with its page beside it."""
     runs = tmp_path_factory.mktemp("bench") / "runs"
     shutil.copytree(world.runs, runs)
@@ -84,21 +80,18 @@ def made(world: World, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return bench(runs=runs, page=text, scaling=text, **SMALL)
 
 
-Rows = list[dict[str, str]]
-
-
-def table(path: Path) -> Rows:
+def table(path):
     """Return the rows of a CSV file."""
     return list(csv.DictReader(path.read_text().splitlines()))
 
 
-def pick(rows: Rows, **wanted: str) -> Rows:
+def pick(rows, **wanted):
     """Return the rows with these values."""
     return [row for row in rows if wanted.items() <= row.items()]
 
 
 @pytest.fixture(scope="module")
-def rows(made: Path) -> Rows:
+def rows(made):
     """Return the rows of `bench.csv`."""
     return table(made / "bench.csv")
 
@@ -106,7 +99,7 @@ def rows(made: Path) -> Rows:
 # ---------------------------------------------------------------- what is measured
 
 
-def test_every_stage_leaves_rows_of_the_documented_columns(made: Path, rows: Rows) -> None:
+def test_every_stage_leaves_rows_of_the_documented_columns(made, rows):
     assert {row["stage"] for row in rows} == set(STAGES)
     documented = (DOCS / "formats.md").read_text()
     for name, columns in (("bench.csv", COLUMNS), ("repetitions.csv", REPETITIONS)):
@@ -114,9 +107,7 @@ def test_every_stage_leaves_rows_of_the_documented_columns(made: Path, rows: Row
         assert all(f"`{column}`" in documented for column in columns)
 
 
-def test_summaries_are_those_of_the_repetitions_and_ratios_those_of_neighbours(
-    made: Path, rows: Rows
-) -> None:
+def test_summaries_are_those_of_the_repetitions_and_ratios_those_of_neighbours(made, rows):
     laps = table(made / "repetitions.csv")
     for row in rows:
         keys = {key: row[key] for key in COLUMNS[:6]}
@@ -133,12 +124,12 @@ def test_summaries_are_those_of_the_repetitions_and_ratios_those_of_neighbours(
 @pytest.mark.parametrize(
     ("stage", "variant"), [("rir", "pyroomacoustics"), ("localize", "gated, literal")]
 )
-def test_what_is_fast_is_far_ahead_of_its_peer(rows: Rows, stage: str, variant: str) -> None:
+def test_what_is_fast_is_far_ahead_of_its_peer(rows, stage, variant):
     [row] = pick(rows, stage=stage, variant=variant, measure="cpu")
     assert float(row["ratio"]) > 10
 
 
-def test_every_run_is_timed_one_row_at_a_time_and_many(rows: Rows, world: World) -> None:
+def test_every_run_is_timed_one_row_at_a_time_and_many(rows, world):
     fitted = [row["variant"] for row in pick(rows, stage="train", measure="fit")]
     assert sorted(fitted) == sorted(path.name for path in (world.runs / "train").iterdir())
     assert len(fitted) == sum(len(names) for _, _, names in TRAINED)
@@ -148,7 +139,7 @@ def test_every_run_is_timed_one_row_at_a_time_and_many(rows: Rows, world: World)
     assert len(models) == 2 * len(fitted)
 
 
-def test_sets_are_timed_whole_with_their_memory_and_size(rows: Rows) -> None:
+def test_sets_are_timed_whole_with_their_memory_and_size(rows):
     generated = pick(rows, stage="generate", measure="wall")
     assert [(row["variant"], row["reference"]) for row in generated] == [
         ("2 processes", ""),
@@ -166,7 +157,7 @@ def test_sets_are_timed_whole_with_their_memory_and_size(rows: Rows) -> None:
 # ---------------------------------------------------------------- what is written
 
 
-def test_the_folder_is_whole_and_holds_nothing_else(made: Path) -> None:
+def test_the_folder_is_whole_and_holds_nothing_else(made):
     manifest = manifests.verify(made)
     assert manifest["kind"] == "benchmark"
     assert {*manifest["files"]} == FILES
@@ -175,7 +166,7 @@ def test_the_folder_is_whole_and_holds_nothing_else(made: Path) -> None:
     assert machine.keys() == {*MACHINE, "libraries", "usable_cores"}
 
 
-def test_both_pages_get_their_tables_and_keep_the_rest(made: Path) -> None:
+def test_both_pages_get_their_tables_and_keep_the_rest(made):
     text = (made.parents[1] / "page.md").read_text()
     parts = re.split("|".join(map(re.escape, (*PAGE[:2], *SCALING[:2]))), text)
     assert (parts[0], parts[2], parts[4]) == ("before\n", "\nbetween\n", "\nafter\n")
@@ -205,9 +196,7 @@ def test_both_pages_get_their_tables_and_keep_the_rest(made: Path) -> None:
         ({"rows": 1000}, "rows=1000: "),
     ],
 )
-def test_mistakes_are_told_before_anything_is_timed(
-    changes: dict[str, Any], said: str, tmp_path: Path
-) -> None:
+def test_mistakes_are_told_before_anything_is_timed(changes, said, tmp_path):
     (tmp_path / "without.md").write_text("nothing")
     (tmp_path / "page.md").write_text(TEXT)
     for key in {"page", "scaling"} & changes.keys():
@@ -218,9 +207,7 @@ def test_mistakes_are_told_before_anything_is_timed(
     assert (tmp_path / "page.md").read_text() == TEXT
 
 
-def test_a_stage_that_fails_stops_no_other_and_changes_no_page(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_stage_that_fails_stops_no_other_and_changes_no_page(tmp_path, capsys):
     text = tmp_path / "page.md"
     text.write_text(TEXT)
     damaged = tmp_path / "runs" / "train" / "net" / manifests.METRICS
@@ -233,9 +220,7 @@ def test_a_stage_that_fails_stops_no_other_and_changes_no_page(
     assert text.read_text() == TEXT
 
 
-def test_the_command_replaces_what_an_earlier_or_a_killed_one_left(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_replaces_what_an_earlier_or_a_killed_one_left(tmp_path, capsys):
     folder = tmp_path / "bench"
     (folder / ".scratch-x" / "data").mkdir(parents=True)
     (folder / "bench.csv").write_text("old")
@@ -245,7 +230,7 @@ def test_the_command_replaces_what_an_earlier_or_a_killed_one_left(
     assert main(["verify", str(folder)]) == 0
 
 
-def test_an_interrupt_ends_it_in_the_middle_of_a_stage(tmp_path: Path) -> None:
+def test_an_interrupt_ends_it_in_the_middle_of_a_stage(tmp_path):
     words = ["bench", "stages=[rows]", "rows=[100000]", f"runs={tmp_path}"]
     command = [sys.executable, "-m", "echolearn", *words]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
@@ -259,7 +244,7 @@ def test_an_interrupt_ends_it_in_the_middle_of_a_stage(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "markers"), [("benchmarks.md", PAGE), ("scaling.md", SCALING)])
-def test_the_projects_pages_have_a_place_for_the_times(name: str, markers: Any) -> None:
+def test_the_projects_pages_have_a_place_for_the_times(name, markers):
     before, after = around(DOCS / name, markers)
     assert before.endswith(markers.begin)
     assert after.startswith(markers.end)
@@ -272,26 +257,24 @@ NAMES = sorted(path.stem for path in (conf() / "localizer").glob("*.yaml"))
 
 
 @pytest.fixture(scope="module")
-def every() -> dict[str, Any]:
+def every():
     """Return the localizers that the command times."""
     return localizers("paper")
 
 
-def test_the_command_times_every_localizer_there_is(every: dict[str, Any]) -> None:
+def test_the_command_times_every_localizer_there_is(every):
     assert sorted(every) == NAMES
     assert {localizer.window.rule for localizer in every.values()} == {"authors"}
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_localizer_can_be_timed_and_the_papers_have_their_equations(
-    name: str, every: dict[str, Any]
-) -> None:
+def test_every_localizer_can_be_timed_and_the_papers_have_their_equations(name, every):
     localizer = on_grids(every[name], [8]).get(8, every[name])
     scene = replace(few(2).scene, array=circular_array(microphones=3))
     observation = observations(few(2), 2, scene=scene)
     contestant = at_work(localizer, observation)
     assert contestant.units == 2
-    assert contestant.work().toa.shape[0] == 2  # type: ignore[attr-defined]
+    assert contestant.work().toa.shape[0] == 2
     form = literal(localizer, observation).get(kind_of(localizer))
     printed = list(as_printed(name, [0.5, 0.25], value=64))
     assert len(printed) == (name.partition("_")[0] in PAPER)
@@ -305,16 +288,14 @@ def test_every_localizer_can_be_timed_and_the_papers_have_their_equations(
 # ---------------------------------------------------------------- peers
 
 
-def test_a_peer_that_is_not_installed_is_left_out_with_a_word(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_peer_that_is_not_installed_is_left_out_with_a_word(scene, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rir_generator", None)
     assert list(peers(HALL, scene)) == ["pyroomacoustics"]
     said = "rir-generator is not installed, so it is left out; pip install 'echolearn[peers]'"
     assert capsys.readouterr().err == f"bench rir: {said}\n"
 
 
-def test_the_generator_of_habets_computes_the_same_response(scene: Scene) -> None:
+def test_the_generator_of_habets_computes_the_same_response(scene):
     pytest.importorskip("rir_generator")
     room = replace(HALL, t60=0.3)
     other = habets(room, scene)()[:, 0]
@@ -337,13 +318,11 @@ def test_the_generator_of_habets_computes_the_same_response(scene: Scene) -> Non
         ([], 2, [np.nan]),
     ],
 )
-def test_steady_rates_begin_when_every_process_has_written(
-    written: list[float], workers: int, rates: list[float]
-) -> None:
+def test_steady_rates_begin_when_every_process_has_written(written, workers, rates):
     assert steady_rates(written, 10, workers=workers) == pytest.approx(rates, nan_ok=True)
 
 
-def test_the_outlook_is_the_arithmetic_of_its_measurements() -> None:
+def test_the_outlook_is_the_arithmetic_of_its_measurements():
     """200 rows/s by two processes: 100 per core, 1e7 / 100 / 3600 = 27.8 core hours; 7 000 bytes a
     row: 70 GB."""
     taken = {"steady rate": [160.0, 200.0, 240.0], "size": [7e6], "memory, worker": [300 * 2.0**20]}
@@ -365,7 +344,7 @@ def test_the_outlook_is_the_arithmetic_of_its_measurements() -> None:
         outlook([], MACHINE, workers=2)
 
 
-def test_figures_are_written_with_three_digits_and_the_unit_that_suits() -> None:
+def test_figures_are_written_with_three_digits_and_the_unit_that_suits():
     assert seconds(Spread(2.5e-3, 2.4e-3, 2.61e-3)) == "2.50 [2.40, 2.61] ms"
     assert seconds(Spread(63.25, 63.25, 63.25)) == "63.2 s"
     assert seconds(Spread(4.2e-7, 4.2e-7, 4.2e-7)) == "0.42 µs"
@@ -373,7 +352,7 @@ def test_figures_are_written_with_three_digits_and_the_unit_that_suits() -> None
     assert {value: digits(value) for value in shown} == shown
 
 
-def test_a_page_says_how_many_times_as_long_the_peer_takes() -> None:
+def test_a_page_says_how_many_times_as_long_the_peer_takes():
     about = ("t60", 0.6, "wall", "s")
     own = Measurement("rir", "images", *about, [0.002, 0.004, 0.003])
     beside = {"reference": "images", "ratio": Spread(100.0, 100.0, 150.0)}

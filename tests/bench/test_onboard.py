@@ -4,8 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.survey import survey
@@ -15,15 +13,15 @@ from echolearn.survey.poses import poses_csv
 from world import HALL, plans
 
 
-def test_memory_does_not_grow_with_the_walk(packed: Path, tmp_path: Path) -> None:
+def test_memory_does_not_grow_with_the_walk(packed, tmp_path):
     """The recordings of the longer one together take some sixty megabytes."""
     scene = plans()[0].scene
-    about: dict[str, Any] = {"name": "walk", "poses": 2, "runs": tmp_path}
+    about = {"name": "walk", "poses": 2, "runs": tmp_path}
     walk = survey(room=HALL, scene=scene, levels=NoiseLevels(0.0), **about)
     together = 200 * reader.read_survey(walk).observe([0]).samples.nbytes
     assert together > 40e6
 
-    def measured(poses: int) -> dict[str, Any]:
+    def measured(poses):
         """Return what a process says that has taken a walk, at each pose the same recording."""
         names = [f"observations/{pose:04d}.wav" for pose in range(poses)]
         for name in names:
@@ -35,15 +33,14 @@ def test_memory_does_not_grow_with_the_walk(packed: Path, tmp_path: Path) -> Non
         done = subprocess.run(
             [sys.executable, *words], capture_output=True, text=True, check=True, env=environment
         )
-        found: dict[str, Any] = json.loads(done.stdout)
-        return found
+        return json.loads(done.stdout)
 
     short, long = measured(4), measured(204)
     assert {*short["laps"]} == {"gated", "classifier"}
     assert abs(long["memory"] - short["memory"]) < together / 5
 
 
-def test_it_needs_a_robots_libraries_alone() -> None:
+def test_it_needs_a_robots_libraries_alone():
     heavy = "torch sklearn hydra lightning matplotlib numba onnx"
     code = f"import sys, echolearn.bench.onboard; print({{*'{heavy}'.split()}} & {{*sys.modules}})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -1,8 +1,5 @@
 """One contract for every configuration of a classifier, found by glob."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import onnx
 import pytest
@@ -11,10 +8,9 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from safetensors.torch import load_file
 
-from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.classifiers import inference, onnx_export
-from echolearn.classifiers.calibration import Calibrated, calibrate
+from echolearn.classifiers.calibration import calibrate
 from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.inputs import view_of
 from echolearn.classifiers.methods.network import Network
@@ -29,20 +25,20 @@ QUICK = {
 }
 
 
-def plain(name: str) -> dict[str, Any]:
+def plain(name):
     """Return a classifier's configuration as the command line composes it."""
     with initialize_config_dir(str(config.folder()), version_base=None):
         composed = compose(overrides=[f"+classifier={name}"])
-    return OmegaConf.to_container(composed, resolve=True)["classifier"]  # type: ignore[return-value, index]
+    return OmegaConf.to_container(composed, resolve=True)["classifier"]
 
 
-def quick(name: str) -> Any:
+def quick(name):
     """Build a classifier with settings for small problems."""
     keys = plain(name)
     return config.build(keys | QUICK.get(keys["_target_"].rpartition(".")[2], {}), "classifier")
 
 
-def problem(inputs: tuple[str, ...], *, rows: int, seed: int) -> tuple[Array, Array]:
+def problem(inputs, *, rows, seed):
     """Draw rows whose every entry tells a little, in units of very different size."""
     rng = np.random.default_rng(seed)
     y = rng.random(rows) < 0.5
@@ -53,7 +49,7 @@ def problem(inputs: tuple[str, ...], *, rows: int, seed: int) -> tuple[Array, Ar
     return (x * scale + scale).astype(np.float32), y
 
 
-def learn(model: Any, folder: Path) -> Any:
+def learn(model, folder):
     """Fit on 240 rows, two for each position."""
     x, y = problem(model.inputs, rows=240, seed=0)
     held = problem(model.inputs, rows=80, seed=1)
@@ -61,27 +57,27 @@ def learn(model: Any, folder: Path) -> Any:
 
 
 @pytest.fixture(scope="module", params=NAMES)
-def name(request: pytest.FixtureRequest) -> str:
+def name(request):
     return str(request.param)
 
 
 @pytest.fixture(scope="module")
-def folder(name: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(name, tmp_path_factory):
     return tmp_path_factory.mktemp(name)
 
 
 @pytest.fixture(scope="module")
-def fitted(name: str, folder: Path) -> Any:
+def fitted(name, folder):
     return learn(quick(name), folder)
 
 
 @pytest.fixture(scope="module")
-def calibrated(fitted: Any) -> Calibrated:
+def calibrated(fitted):
     return calibrate(fitted, *problem(fitted.inputs, rows=80, seed=1))
 
 
 @pytest.fixture(scope="module")
-def exported(calibrated: Calibrated) -> onnx_export.ProvedModel:
+def exported(calibrated):
     x = problem(calibrated.classifier.inputs, rows=50, seed=2)[0]
     return onnx_export.export_proved(calibrated, x)
 

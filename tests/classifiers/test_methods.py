@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.classifiers import onnx_export
 from echolearn.classifiers.architectures import CovarianceNet, Mlp
@@ -31,10 +29,10 @@ Fit = Callable[..., Any]
 
 
 @pytest.fixture
-def fit(tmp_path: Path) -> Fit:
+def fit(tmp_path):
     """Fit a classifier; unless told, each row is a position, and validation rows are the same."""
 
-    def fitted(model: Any, x: Array, y: Array, *, seed: int = 0, **given: Any) -> Any:
+    def fitted(model, x, y, *, seed=0, **given):
         known = {"groups": np.arange(len(x)), "validation": (x, y), "folder": tmp_path}
         return model.fit(Examples(x, y, seed=seed, **known | given))
 
@@ -54,12 +52,12 @@ class TestThreshold:
 
 class TestSvm:
     @staticmethod
-    def ring(rows: int, seed: int) -> tuple[Array, Array]:
+    def ring(rows, seed):
         x = np.random.default_rng(seed).normal(size=(rows, 2)).astype(np.float32)
         return x, (x**2).sum(axis=1) < 1.4
 
     @staticmethod
-    def svm(c_grid: list[float], gamma_grid: list[float], **given: Any) -> Svm:
+    def svm(c_grid, gamma_grid, **given):
         return Svm(["toa", "power"], c_grid=c_grid, gamma_grid=gamma_grid, **given)
 
     def test_is_scikit_learns(self, fit):
@@ -139,7 +137,7 @@ class TestTrees:
 
 class TestNetwork:
     @staticmethod
-    def xor(rows: int, seed: int) -> tuple[Array, Array]:
+    def xor(rows, seed):
         x = np.random.default_rng(seed).uniform(-1, 1, size=(rows, 2)).astype(np.float32)
         return x, x[:, 0] * x[:, 1] > 0
 
@@ -190,9 +188,9 @@ class TestNetwork:
         assert torch.isfinite(standardiser(np.ones((10, 3)))(torch.full((2, 3), 7.0))).all()
 
 
-MLP: dict[str, Any] = {"inputs": ["a"], "net": Mlp()}
-SVM: dict[str, Any] = {"inputs": ["a"]}
-BAD: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
+MLP = {"inputs": ["a"], "net": Mlp()}
+SVM = {"inputs": ["a"]}
+BAD = {
     "classifier.lr=abc": (Network, MLP | {"lr": "abc"}),
     "classifier.epochs=1.5": (Network, MLP | {"epochs": 1.5}),
     "classifier.net=": (Network, MLP | {"net": {"widths": [3]}}),
@@ -222,9 +220,9 @@ BAD: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 }
 
 
-def test_a_scorer_that_no_runtime_could_compute_is_refused_by_its_operator() -> None:
+def test_a_scorer_that_no_runtime_could_compute_is_refused_by_its_operator():
     class Middle(torch.nn.Module):
-        def forward(self, x: torch.Tensor) -> torch.Tensor:
+        def forward(self, x):
             return x.median(1).values
 
     with pytest.raises(BadValue, match=r"^scorer=median: must be operators of ONNX's set 13; "):

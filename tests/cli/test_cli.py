@@ -28,23 +28,21 @@ LEARN = (
     "scene.probe.length=6000 localizer.azimuths=36"
 ).split()
 
-Captured = pytest.CaptureFixture[str]
-
 
 @pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path, monkeypatch):
     """Work in an empty folder, and return it."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def started(*words: str) -> subprocess.Popen[str]:
+def started(*words):
     """Start the command line in a process of its own."""
     command = [sys.executable, "-m", "echolearn", *words]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def loaded(*words: str) -> tuple[str, set[str]]:
+def loaded(*words):
     """Return what a command line prints in a fresh process, and the modules that it loads."""
     code = f"import sys; from echolearn.cli.main import main; main({words}); print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -52,18 +50,18 @@ def loaded(*words: str) -> tuple[str, set[str]]:
     return said, set(modules.split())
 
 
-def only_set(where: Path) -> Path:
+def only_set(where):
     """Return the one set below `where`."""
     [found] = (where / "runs" / "data").iterdir()
     return found
 
 
-def content(where: Path, pattern: str = "*") -> dict[str, bytes]:
+def content(where, pattern="*"):
     """Return the bytes of every file in a folder."""
     return {f"{path}": path.read_bytes() for path in where.rglob(pattern) if path.is_file()}
 
 
-def errors(text: str) -> list[str]:
+def errors(text):
     return [line for line in text.splitlines() if line.startswith("error: ")]
 
 
@@ -71,14 +69,14 @@ def errors(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("words", [[], ["--help"], ["-h"]])
-def test_help_names_every_command_and_what_it_does(words: list[str], capsys: Captured) -> None:
+def test_help_names_every_command_and_what_it_does(words, capsys):
     assert main(words) == 0
     said = capsys.readouterr().out
     for name, function in COMMANDS.items():
         assert f"  {name:10}{function.__doc__}" in said
 
 
-def test_help_and_version_load_nothing_heavy() -> None:
+def test_help_and_version_load_nothing_heavy():
     heavy = {"numpy", "scipy", "torch", "sklearn", "hydra", "omegaconf", "yaml", "rich"}
     assert not loaded("--help")[1] & heavy
     said, modules = loaded("--version")
@@ -87,7 +85,7 @@ def test_help_and_version_load_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize("command", sorted(COMMANDS))
-def test_help_of_a_command_shows_its_groups_and_keys(command: str, capsys: Captured) -> None:
+def test_help_of_a_command_shows_its_groups_and_keys(command, capsys):
     assert main([command, "--help"]) == 0
     said = capsys.readouterr().out
     assert f"usage: echolearn {command}" in said
@@ -96,7 +94,7 @@ def test_help_of_a_command_shows_its_groups_and_keys(command: str, capsys: Captu
         assert "  rir         images, pyroom" in said
 
 
-def test_a_configuration_can_be_shown_instead_of_run(here: Path, capsys: Captured) -> None:
+def test_a_configuration_can_be_shown_instead_of_run(here, capsys):
     assert main(["generate", "--cfg", "plan=tiny", "plan.seed=41"]) == 0
     assert "\n  seed: 41\n" in capsys.readouterr().out
     assert list(here.iterdir()) == []
@@ -187,9 +185,7 @@ MISTAKES = """
 
 
 @pytest.mark.parametrize("row", MISTAKES.strip().splitlines())
-def test_a_mistake_is_one_line_and_leaves_nothing_behind(
-    row: str, here: Path, capsys: Captured
-) -> None:
+def test_a_mistake_is_one_line_and_leaves_nothing_behind(row, here, capsys):
     status, line, said = row.split(" | ")
     assert main(line.split()) == int(status)
     out, err = capsys.readouterr()
@@ -200,9 +196,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing_behind(
     assert list(here.iterdir()) == []
 
 
-def test_a_number_of_thousands_of_digits_is_refused_in_plain_words(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_number_of_thousands_of_digits_is_refused_in_plain_words(capsys):
     for words in (["survey", f"seed={'9' * 5000}"], ["train", "-m", f"seed=1,{'9' * 5000}"]):
         assert main(words) == 2
         said = capsys.readouterr().err
@@ -212,9 +206,7 @@ def test_a_number_of_thousands_of_digits_is_refused_in_plain_words(
 
 @pytest.mark.parametrize("command", [*sorted(COMMANDS), "verify"])
 @pytest.mark.parametrize("name", ["", " "])
-def test_an_empty_name_is_not_this_folder(
-    command: str, name: str, here: Path, capsys: Captured
-) -> None:
+def test_an_empty_name_is_not_this_folder(command, name, here, capsys):
     """An empty variable of the shell, say."""
     words = ["verify", ""] if command == "verify" else [command, f"runs='{name}'", "--cfg"]
     assert main(words) != 0
@@ -223,7 +215,7 @@ def test_an_empty_name_is_not_this_folder(
 
 
 @pytest.mark.parametrize("lost", ["2>&-", "2>/dev/full", ">&- 2>&-"])
-def test_work_goes_on_where_nobody_can_be_told(lost: str, here: Path) -> None:
+def test_work_goes_on_where_nobody_can_be_told(lost, here):
     """Nor does what is said get into a file that was opened in the place of stderr."""
     for words, status in ((["generate", *SMALL], 0), (["verify", "nothing"], 1)):
         command = shlex.join([sys.executable, "-m", "echolearn", *words])
@@ -233,7 +225,7 @@ def test_work_goes_on_where_nobody_can_be_told(lost: str, here: Path) -> None:
     manifests.verify(only_set(here))
 
 
-def test_a_name_plays_no_tricks_with_the_terminal(here: Path, capsys: Captured) -> None:
+def test_a_name_plays_no_tricks_with_the_terminal(here, capsys):
     folder = here / "a\x1b[2J"
     folder.mkdir()
     manifests.finish(folder, {}, [])
@@ -243,7 +235,7 @@ def test_a_name_plays_no_tricks_with_the_terminal(here: Path, capsys: Captured) 
     assert said.out == "a\\x1b[2J: whole, 0 files\n" and "\x1b" not in said.err
 
 
-def test_a_traceback_is_shown_on_request(capsys: Captured) -> None:
+def test_a_traceback_is_shown_on_request(capsys):
     assert main(["generate", "plan.step=0", "--traceback"]) == 1
     err = capsys.readouterr().err
     assert "Traceback (most recent call last)" in err
@@ -254,7 +246,7 @@ def test_a_traceback_is_shown_on_request(capsys: Captured) -> None:
 # ---------------------------------------------------------------- work
 
 
-def test_a_sweep_goes_on_after_a_failure_and_names_it(here: Path, capsys: Captured) -> None:
+def test_a_sweep_goes_on_after_a_failure_and_names_it(here, capsys):
     assert main(["generate", "-m", *SMALL, "plan.step=0,4.0,-1"]) == 1
     out, err = capsys.readouterr()
     assert out == f"{only_set(here).relative_to(here)}\n"
@@ -265,7 +257,7 @@ def test_a_sweep_goes_on_after_a_failure_and_names_it(here: Path, capsys: Captur
     assert [path.name for path in here.iterdir()] == ["runs"]
 
 
-def test_a_set_is_made_once_verified_and_mended(here: Path, capsys: Captured) -> None:
+def test_a_set_is_made_once_verified_and_mended(here, capsys):
     assert main(["generate", *SMALL]) == 0
     made = only_set(here)
     before = content(made)
@@ -292,9 +284,7 @@ def test_a_set_is_made_once_verified_and_mended(here: Path, capsys: Captured) ->
         (["name='it\\'s (1)'", "runs='a, b'"], "observations/0001.wav", "elsewhere"),
     ],
 )
-def test_the_advice_against_damage_makes_the_same_again(
-    words: list[str], lost: str, there: str, capsys: Captured, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_advice_against_damage_makes_the_same_again(words, lost, there, capsys, monkeypatch):
     """From whatever folder, and whatever `runs` is called."""
     usual = "room.size=[5,4.5,3] room.t60=0.25 poses=3 scene.probe.length=6000 snr_db=10".split()
     assert main(["survey", *usual, *words]) == 0
@@ -311,7 +301,7 @@ def test_the_advice_against_damage_makes_the_same_again(
     assert list(Path().iterdir()) == ([] if there != "." else [Path("runs")])
 
 
-def test_an_interrupted_set_is_continued_to_the_same_bytes(here: Path) -> None:
+def test_an_interrupted_set_is_continued_to_the_same_bytes(here):
     # It takes longer than noticing its first shard.
     words = ["generate", *SMALL, "plan.step=1.5"]
     assert main(words) == 0
@@ -330,7 +320,7 @@ def test_an_interrupted_set_is_continued_to_the_same_bytes(here: Path) -> None:
     assert content(only_set(here)) == whole
 
 
-def test_several_sweeps_share_what_stands_before_them(capsys: Captured) -> None:
+def test_several_sweeps_share_what_stands_before_them(capsys):
     line = "train -m --cfg test_share=0.3 -- classifier=svm_toa seed=0,1 -- seed=2 folds=5"
     assert main(line.split()) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -341,7 +331,7 @@ def test_several_sweeps_share_what_stands_before_them(capsys: Captured) -> None:
     ]
 
 
-def test_a_sweep_leaves_the_same_wherever_its_jobs_run(here: Path, capsys: Captured) -> None:
+def test_a_sweep_leaves_the_same_wherever_its_jobs_run(here, capsys):
     """Two thresholds, and two jobs that fail: one after another, then shared out by joblib.
 
     Then a finished run is found without loading what trains.
@@ -349,7 +339,7 @@ def test_a_sweep_leaves_the_same_wherever_its_jobs_run(here: Path, capsys: Captu
     assert main(["generate", *LEARN]) == 0
     capsys.readouterr()
 
-    def left(out: str, err: str) -> tuple[list[str], list[dict[str, bytes]]]:
+    def left(out, err):
         patterns = ("metrics.json", "config.json", "model.onnx")
         runs = [here / line for line in out.splitlines()]
         return errors(err), [content(run, pattern) for run in runs for pattern in patterns]
@@ -372,7 +362,7 @@ def test_a_sweep_leaves_the_same_wherever_its_jobs_run(here: Path, capsys: Captu
     assert not modules & {"torch", "sklearn", "lightning", "onnxruntime", "matplotlib"}
 
 
-def test_commands_work_from_any_folder_without_leaving_anything_there(here: Path) -> None:
+def test_commands_work_from_any_folder_without_leaving_anything_there(here):
     assert main(["generate", *SMALL, f"runs={here / 'deep' / 'runs'}"]) == 0
     assert [path.name for path in here.iterdir()] == ["deep"]
     assert not (folder() / "runs").exists()
@@ -380,9 +370,8 @@ def test_commands_work_from_any_folder_without_leaving_anything_there(here: Path
 
 
 @pytest.mark.parametrize("words", [["--version"], ["generate", "--cfg"]])
-def test_output_that_nobody_reads_is_no_success(words: list[str]) -> None:
+def test_output_that_nobody_reads_is_no_success(words):
     process = started(*words)
-    assert process.stdout is not None and process.stderr is not None
     process.stdout.close()
     assert process.wait(60) == 141
     assert process.stderr.read() == ""

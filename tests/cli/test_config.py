@@ -1,9 +1,7 @@
 """From YAML and overrides to plain containers, and from these to objects."""
 
 import shlex
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -22,7 +20,7 @@ from echolearn.storage.advice import assignment
 ROOM = {"_target_": "echolearn.acoustics.types.Room", "size": [5.0, 4.0, 3.0], "t60": 0.4}
 
 
-def one(command: str, *words: str) -> dict[str, Any]:
+def one(command, *words):
     """Return the configuration of a command's only job."""
     [(name, config)] = compose(command, words)
     assert name == ""
@@ -32,11 +30,11 @@ def one(command: str, *words: str) -> dict[str, Any]:
 # ---------------------------------------------------------------- build
 
 
-def test_a_configuration_is_a_call_written_down() -> None:
+def test_a_configuration_is_a_call_written_down():
     assert build(ROOM, "room") == Room((5.0, 4.0, 3.0), 0.4)
 
 
-def test_calls_inside_lists_and_mappings_are_made_and_all_else_stays() -> None:
+def test_calls_inside_lists_and_mappings_are_made_and_all_else_stays():
     plain = {"room": [ROOM, 1], "b": {"room": ROOM}, "d": None}
     room = Room((5.0, 4.0, 3.0), 0.4)
     assert build(plain, "plan") == {"room": [room, 1], "b": {"room": room}, "d": None}
@@ -50,7 +48,7 @@ echolearn.nowhere.Room
 
 
 @pytest.mark.parametrize("target", [*NOWHERE.split(), "", None, 3])
-def test_what_cannot_be_imported_is_refused(target: object) -> None:
+def test_what_cannot_be_imported_is_refused(target):
     said = r"^room\._target_=.*: must be the dotted name of a class or a function"
     with pytest.raises(BadValue, match=said):
         build({"_target_": target}, "room")
@@ -65,14 +63,14 @@ echolearn.dataset.generate.generate echolearn.cli.main.main echolearn.robot.bund
 
 
 @pytest.mark.parametrize("target", MENACING.split())
-def test_what_is_not_of_its_places_kind_is_refused_before_it_is_called(target: str) -> None:
+def test_what_is_not_of_its_places_kind_is_refused_before_it_is_called(target):
     for place in (*KINDS, "localizers.mine", "scene.diffuse"):
         said = rf"^{place}\._target_={target}: must be a class like echolearn\."
         with pytest.raises(BadValue, match=said):
             build({"_target_": target, "path": "x", "plain": {}}, place)
 
 
-def test_a_call_stands_where_there_is_a_kind_for_it() -> None:
+def test_a_call_stands_where_there_is_a_kind_for_it():
     with pytest.raises(BadValue, match="^seed=_target_: must not be here"):
         build({"seed": ROOM}["seed"], "seed")
 
@@ -103,14 +101,14 @@ def silent(side: float):
 
 
 @pytest.fixture
-def abroad(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def abroad(tmp_path, monkeypatch):
     """Let a package of somebody else's be importable."""
     (tmp_path / "abroad.py").write_text(ABROAD)
     monkeypatch.syspath_prepend(tmp_path)
 
 
 @pytest.mark.usefixtures("abroad")
-def test_classes_and_functions_of_anybody_can_be_called() -> None:
+def test_classes_and_functions_of_anybody_can_be_called():
     assert build({"_target_": "abroad.hall", "side": 5.0}, "room") == Room((5.0, 5.0, 3.0), 0.4)
     words = ["noise._target_=abroad.Hiss", "noise.level=2.0"]
     plan = build(one("generate", "plan=tiny", *words)["plan"], "plan")
@@ -122,7 +120,7 @@ def test_classes_and_functions_of_anybody_can_be_called() -> None:
 @pytest.mark.parametrize(
     ("place", "leaf"), [("noise", "Deaf"), ("room", "liar"), ("room", "silent"), ("room", "Hiss")]
 )
-def test_what_only_seems_to_be_of_a_kind_is_refused(place: str, leaf: str) -> None:
+def test_what_only_seems_to_be_of_a_kind_is_refused(place, leaf):
     arguments = {"side": 5.0} if place == "room" and leaf != "Hiss" else {}
     with pytest.raises(BadValue, match=rf"^{place}\._target_=abroad.{leaf}: must be a class like"):
         build({"_target_": f"abroad.{leaf}", **arguments}, place)
@@ -135,12 +133,12 @@ def test_what_only_seems_to_be_of_a_kind_is_refused(place: str, leaf: str) -> No
         ({"t60": 0.01}, "Sabine"),
     ],
 )
-def test_errors_name_the_key_or_are_those_of_the_called(change: Any, said: str) -> None:
+def test_errors_name_the_key_or_are_those_of_the_called(change, said):
     with pytest.raises(BadValue, match=said):
         build({"room": ROOM | change}, "plan")
 
 
-def test_a_missing_key_is_named() -> None:
+def test_a_missing_key_is_named():
     with pytest.raises(BadValue, match=r"^room\.t60: is missing"):
         build({key: value for key, value in ROOM.items() if key != "t60"}, "room")
 
@@ -148,7 +146,7 @@ def test_a_missing_key_is_named() -> None:
 # ---------------------------------------------------------------- compose
 
 
-def test_values_lists_and_options_are_set() -> None:
+def test_values_lists_and_options_are_set():
     words = "plan=tiny plan.seed=7 plan.room.size=[4,5,6] localizer=snls workers=1"
     config = one("generate", *words.split())
     plan = config["plan"]
@@ -157,7 +155,7 @@ def test_values_lists_and_options_are_set() -> None:
     assert (config["workers"], config["choice"]["plan"]) == (1, "tiny")
 
 
-def test_each_job_knows_the_command_line_that_makes_it_alone() -> None:
+def test_each_job_knows_the_command_line_that_makes_it_alone():
     words = ["plan=tiny,paper", "plan.room.size=[4,5,6]", "workers=1"]
     jobs = compose("generate", words, many=True)
     assert [shlex.split(config["command"]) for _, config in jobs] == [
@@ -166,22 +164,22 @@ def test_each_job_knows_the_command_line_that_makes_it_alone() -> None:
     assert "'plan.room.size=[4,5,6]'" in jobs[0][1]["command"]
 
 
-def test_interpolations_follow_what_was_set() -> None:
+def test_interpolations_follow_what_was_set():
     config = one("generate", "plan.window.nearest=0.7", "scene.speed_of_sound=340.0")
     assert config["window"] == config["plan"]["window"] == config["plan"]["localizer"]["window"]
     assert build(config["window"], "window") == SearchWindow(0.7, 2.0, "authors")
     assert config["plan"]["scene"]["speed_of_sound"] == 340.0
 
 
-def test_the_later_of_two_values_holds() -> None:
+def test_the_later_of_two_values_holds():
     assert one("train", "seed=1", "seed=2")["seed"] == 2
 
 
-def test_a_key_that_the_file_leaves_to_its_default_can_be_set() -> None:
+def test_a_key_that_the_file_leaves_to_its_default_can_be_set():
     assert one("survey", "room.walls=[1,1,1,1,0,0]")["room"]["walls"] == [1, 1, 1, 1, 0, 0]
 
 
-def test_a_sweep_gives_every_combination_and_says_what_is_swept() -> None:
+def test_a_sweep_gives_every_combination_and_says_what_is_swept():
     words = "classifier=svm_pair,svm_toa seed=0,1,2 test_share=0.3"
     expected = [
         f"classifier={name} seed={seed}" for name in ("svm_pair", "svm_toa") for seed in range(3)
@@ -194,20 +192,20 @@ def test_a_sweep_gives_every_combination_and_says_what_is_swept() -> None:
         assert config["test_share"] == 0.3
 
 
-def test_jobs_of_a_sweep_share_nothing() -> None:
+def test_jobs_of_a_sweep_share_nothing():
     first, second = (
         config for _, config in compose("generate", ["plan.room.t60=0.5,0.7"], many=True)
     )
     assert (first["plan"]["room"]["t60"], second["plan"]["room"]["t60"]) == (0.5, 0.7)
 
 
-def test_a_pattern_sweeps_over_all_options() -> None:
+def test_a_pattern_sweeps_over_all_options():
     jobs = compose("generate", ["plan=glob(offgrid*)"], many=True)
     expected = sorted(path.stem for path in (folder() / "plan").glob("offgrid*.yaml"))
     assert [config["choice"]["plan"] for _, config in jobs] == expected
 
 
-def test_unresolved_configurations_show_where_values_come_from() -> None:
+def test_unresolved_configurations_show_where_values_come_from():
     [(_, config)] = compose("generate", [], resolve=False)
     assert config["plan"]["scene"] == "${scene}"
 
@@ -215,24 +213,24 @@ def test_unresolved_configurations_show_where_values_come_from() -> None:
 # ---------------------------------------------------------------- helpers
 
 
-def test_dotted_names_reach_everything() -> None:
+def test_dotted_names_reach_everything():
     found = dotted({"a": {"b": [1, {"c": 2}]}, "d": 3})
     assert " ".join(found) == "a a.b a.b.0 a.b.1 a.b.1.c d"
 
 
-def test_suggestions_look_at_the_whole_name_then_at_its_last_part() -> None:
+def test_suggestions_look_at_the_whole_name_then_at_its_last_part():
     assert suggest("plan.stp", ["plan.step", "plan.seed"]) == "did you mean plan.step?"
     assert suggest("stpe", ["plan.step", "runs"]) == "did you mean plan.step?"
     assert suggest("qqq", ["plan", "plan.step", "runs"]) == "known are plan, runs"
     assert suggest("order", []) == "it has none"
 
 
-def test_the_folder_of_configurations_is_absolute() -> None:
+def test_the_folder_of_configurations_is_absolute():
     assert folder().is_absolute()
     assert (Path(folder()) / "train.yaml").is_file()
 
 
-def test_diffuse_noise_can_be_left_out_and_a_level_set_to_null() -> None:
+def test_diffuse_noise_can_be_left_out_and_a_level_set_to_null():
     config = one("generate", "plan=scattered_rotor", "diffuse=null", "plan.sdnr_db=null")
     assert config["scene"]["diffuse"] is None
     assert config["plan"]["sdnr_db"] is None
@@ -247,7 +245,7 @@ def test_diffuse_noise_can_be_left_out_and_a_level_set_to_null() -> None:
         ("compare", "snls"),
     ],
 )
-def test_a_localizer_is_left_out_as_the_refusals_advise(words: str, name: str) -> None:
+def test_a_localizer_is_left_out_as_the_refusals_advise(words, name):
     command = words.split()
     key = f"localizers.{name}"
     expected = one(*command)["localizers"]
@@ -265,7 +263,7 @@ def test_a_localizer_is_left_out_as_the_refusals_advise(words: str, name: str) -
         assert advised in config["command"]
 
 
-def test_all_localizers_can_be_left_out() -> None:
+def test_all_localizers_can_be_left_out():
     names = one("compare")["localizers"]
     config = one("compare", *[f"localizer@localizers.{name}=null" for name in names])
     assert not config["localizers"]
@@ -274,19 +272,18 @@ def test_all_localizers_can_be_left_out() -> None:
 # ---------------------------------------------------------------- names, and a robot without Hydra
 
 
-def without_hydra(command: str, *words: str) -> dict[str, Any]:
+def without_hydra(command, *words):
     return plain_config(command, words)
 
 
 BOTH = pytest.mark.parametrize("read", [one, without_hydra])
-Read = Callable[..., dict[str, Any]]
 
 
 @BOTH
 @pytest.mark.parametrize(
     "text", ["2024_01_15", "007", "1e3", "-5", "1.50", "true", "nan", "a b", ""]
 )
-def test_a_name_is_what_was_typed(read: Read, text: str) -> None:
+def test_a_name_is_what_was_typed(read, text):
     found = read("map", *[f"{key}={text}" for key in ("survey", "bundle", "name", "runs")])
     assert {found[key] for key in ("survey", "bundle", "name", "runs")} == {text}
 
@@ -310,7 +307,7 @@ def test_a_name_is_what_was_typed(read: Read, text: str) -> None:
         ('survey="007"', "007"),
     ],
 )
-def test_other_values_are_typed_by_their_default(read: Read, word: str, value: object) -> None:
+def test_other_values_are_typed_by_their_default(read, word, value):
     found = read("map", word)[word.partition("=")[0]]
     assert (found, type(found)) == (value, type(value))
 
@@ -327,14 +324,14 @@ train | train: needs more than a robot has; pip install 'echolearn[lab]'
 
 
 @pytest.mark.parametrize("row", UNREADABLE.strip().splitlines())
-def test_slips_are_refused_without_hydra_too(row: str) -> None:
+def test_slips_are_refused_without_hydra_too(row):
     words, said = row.split(" | ")
     with pytest.raises(UsageError) as refused:
         without_hydra(*words.split())
     assert str(refused.value) == said
 
 
-def test_swept_names_are_what_was_typed_and_so_are_names_of_plans() -> None:
+def test_swept_names_are_what_was_typed_and_so_are_names_of_plans():
     jobs = compose("generate", ["plan.name=2024_01_15,007, 1e3", "plan.seed=1,2"], many=True)
     assert [config["plan"]["name"] for _, config in jobs[::2]] == ["2024_01_15", "007", "1e3"]
     assert jobs[2][0] == "plan.name=007 plan.seed=1"
@@ -348,7 +345,7 @@ a${b}|${a}|<a>
 """
 
 
-def advised(path: str) -> str:
+def advised(path):
     """Return how a path is to be written, by the refusal if it is refused as it stands."""
     try:
         if "${" not in path:  # which is another key's value
@@ -362,7 +359,7 @@ def advised(path: str) -> str:
 
 
 @pytest.mark.parametrize("path", NAMES.strip().replace("\n", "|").split("|"))
-def test_what_hydra_reads_otherwise_is_quoted_twice(path: str) -> None:
+def test_what_hydra_reads_otherwise_is_quoted_twice(path):
     """And what it takes may be quoted, too; a robot without it reads both."""
     word = advised(path)
     assert one("map", word)["survey"] == path
@@ -375,12 +372,12 @@ def test_what_hydra_reads_otherwise_is_quoted_twice(path: str) -> None:
 
 @given(st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1))
 @settings(max_examples=150, deadline=None)
-def test_any_name_that_is_quoted_is_read_as_it_is(name: str) -> None:
+def test_any_name_that_is_quoted_is_read_as_it_is(name):
     word = assignment("name", name)
     assert one("map", word)["name"] == without_hydra("map", word)["name"] == name
 
 
-def test_names_in_lists_and_among_quoted_ones_are_what_was_typed() -> None:
+def test_names_in_lists_and_among_quoted_ones_are_what_was_typed():
     found = one("compare", "surveys=[2024_01_15, 007,'a, (b)',1e3,null]", "tested=[1_000]")
     assert found["surveys"] == ["2024_01_15", "007", "a, (b)", "1e3", "null"]
     assert one("compare", "surveys=[]")["surveys"] == []

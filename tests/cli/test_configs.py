@@ -5,7 +5,6 @@ import tempfile
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ import yaml
 from echolearn.cli.compose import compose
 from echolearn.cli.config import build, folder
 from echolearn.cli.targets import TARGET, imported
-from echolearn.dataset.plans import GridPlan, Plan, ScatteredPlan
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.rotor import Rotor
 from echolearn.survey import audio
@@ -35,20 +33,20 @@ NEEDED = {
 """What a file leaves to the user."""
 
 
-def name(path: Path) -> str:
+def name(path):
     """Return a file's group and option."""
     return f"{path.parent.name}={path.stem}"
 
 
 @cache
-def composed(path: Path) -> dict[str, Any]:
+def composed(path):
     """Return what stands at a group when this file is chosen for it."""
     words = [name(path), *NEEDED.get(name(path), [])]
     [(_, config)] = compose(USED_BY.get(path.parent.name, "generate"), words)
-    return config[path.parent.name]  # type: ignore[no-any-return]
+    return config[path.parent.name]
 
 
-def calls(config: Any) -> list[dict[str, Any]]:
+def calls(config):
     """Return every call inside a configuration."""
     inner = (
         config.values() if isinstance(config, dict) else config if isinstance(config, list) else ()
@@ -58,24 +56,24 @@ def calls(config: Any) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_composes_from_its_defaults(command: str) -> None:
+def test_every_command_composes_from_its_defaults(command):
     [(_, config)] = compose(command, [])
     assert config["runs"] == "runs"
 
 
 @pytest.mark.parametrize("path", FILES, ids=name)
-def test_every_file_begins_with_what_it_calls(path: Path) -> None:
+def test_every_file_begins_with_what_it_calls(path):
     lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
     assert lines[0].startswith(f"{TARGET}: echolearn.")
 
 
 @pytest.mark.parametrize("path", FILES, ids=name)
-def test_every_file_can_be_built(path: Path) -> None:
+def test_every_file_can_be_built(path):
     assert build(composed(path), path.parent.name) is not None
 
 
 @pytest.mark.parametrize("path", FILES, ids=name)
-def test_every_file_shows_all_keys_of_what_it_calls(path: Path) -> None:
+def test_every_file_shows_all_keys_of_what_it_calls(path):
     """So the file is the manual, and an override is checked before anything runs."""
     for call in calls(composed(path)):
         known = inspect.signature(imported(call[TARGET], "")).parameters
@@ -83,19 +81,17 @@ def test_every_file_shows_all_keys_of_what_it_calls(path: Path) -> None:
 
 
 @cache
-def plan(option: str) -> Plan:
+def plan(option):
     """Return a plan, built."""
-    built = build(composed(folder() / "plan" / f"{option}.yaml"), "plan")
-    assert isinstance(built, GridPlan | ScatteredPlan)
-    return built
+    return build(composed(folder() / "plan" / f"{option}.yaml"), "plan")
 
 
 @pytest.mark.parametrize("option", PLANS)
-def test_a_plan_is_named_after_its_file(option: str) -> None:
+def test_a_plan_is_named_after_its_file(option):
     assert plan(option).name == option
 
 
-def test_plans_draw_from_different_seeds_unless_they_are_small_copies() -> None:
+def test_plans_draw_from_different_seeds_unless_they_are_small_copies():
     seeds = {
         option: plan(option).seed
         for option in PLANS
@@ -104,20 +100,17 @@ def test_plans_draw_from_different_seeds_unless_they_are_small_copies() -> None:
     assert len(set(seeds.values())) == len(seeds)
 
 
-def test_both_readings_of_the_paper_have_its_1989_points() -> None:
+def test_both_readings_of_the_paper_have_its_1989_points():
     paper, planar = plan("paper"), plan("paper_planar")
     assert (len(paper), len(planar)) == (1989, 1989)
-    assert isinstance(paper, GridPlan)
-    assert isinstance(planar, GridPlan)
     assert (len(paper.positions), len(planar.positions)) == (1989, 221)
     assert paper.room.size == (10.0, 8.0, 6.0)
     assert planar.room.walls == (1, 1, 1, 1, 0, 0)
     assert paper.window.lags(paper.scene.array, 22050) == (116, 244)
 
 
-def test_the_scattered_set_is_as_wide_as_specified() -> None:
+def test_the_scattered_set_is_as_wide_as_specified():
     scattered = plan("scattered")
-    assert isinstance(scattered, ScatteredPlan)
     assert len(scattered) >= 4000
     assert (tuple(scattered.size_low), tuple(scattered.size_high)) == ((5, 5, 3), (14, 12, 7))
     assert tuple(scattered.t60) == (0.3, 0.9)
@@ -125,9 +118,8 @@ def test_the_scattered_set_is_as_wide_as_specified() -> None:
     assert scattered.window.rule == "general"
 
 
-def test_the_scattered_set_with_rotor_noise_is_scattered_but_for_the_rotors() -> None:
+def test_the_scattered_set_with_rotor_noise_is_scattered_but_for_the_rotors():
     plain, rotor = plan("scattered"), plan("scattered_rotor")
-    assert isinstance(rotor, ScatteredPlan)
     assert isinstance(rotor.scene.diffuse, Diffuse)
     assert isinstance(rotor.scene.diffuse.source, Rotor)
     assert tuple(rotor.sdnr_db or ()) == (-40, 40)
@@ -136,7 +128,7 @@ def test_the_scattered_set_with_rotor_noise_is_scattered_but_for_the_rotors() ->
     ) == replace(plain, scene=plain.scene)
 
 
-def test_a_plan_with_rotors_takes_another_field_where_one_is_chosen() -> None:
+def test_a_plan_with_rotors_takes_another_field_where_one_is_chosen():
     [(_, config)] = compose("generate", ["plan=scattered_rotor", "diffuse=recorded"])
     assert (
         config["plan"]["scene"]["diffuse"]["source"]["_target_"]
@@ -145,15 +137,14 @@ def test_a_plan_with_rotors_takes_another_field_where_one_is_chosen() -> None:
 
 
 @pytest.mark.parametrize("option", [option for option in PLANS if option.startswith("offgrid")])
-def test_off_grid_sets_are_random_positions_in_the_room_of_their_name(option: str) -> None:
+def test_off_grid_sets_are_random_positions_in_the_room_of_their_name(option):
     fixed = plan(option)
-    assert isinstance(fixed, ScatteredPlan)
     size = tuple(float(length) for length in option.removeprefix("offgrid_").split("x"))
     assert tuple(fixed.size_low) == tuple(fixed.size_high) == size
     assert tuple(fixed.gain_db) == (0, 0)
 
 
-def test_the_comparison_asks_for_sets_that_have_plans_and_surveys_that_have_names() -> None:
+def test_the_comparison_asks_for_sets_that_have_plans_and_surveys_that_have_names():
     config = yaml.safe_load((folder() / "compare.yaml").read_text())
     assert set(config["tested"]) <= set(PLANS)
     rooms = {path.stem for path in (folder() / "room").glob("*.yaml")}

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -19,7 +18,7 @@ from echolearn.cli.sweeps import JobsFailed, complaint, run_all
 
 ROOTS = [(f"x={x:g}", x) for x in (4.0, -1.0, 9.0, -4.0, 2.25)]
 
-HERE: dict[str, Any] = {}
+HERE = {}
 PROCESSES = {"workers": 2}
 SUBMITTED = {"launcher": ["hydra/launcher=submitit_local", "hydra.launcher.timeout_min=2"]}
 JOBLIB = {"launcher": ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]}
@@ -42,7 +41,7 @@ EVERYWHERE = {
 
 
 @pytest.fixture(autouse=True)
-def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def slurm(tmp_path, monkeypatch):
     """Put a SLURM on the path that runs its jobs on this machine; return where it keeps them."""
     home = tmp_path.with_name(f"{tmp_path.name}-slurm")
     monkeypatch.setenv("PATH", f"{Path(__file__).parent / 'slurm'}:{os.environ['PATH']}")
@@ -51,9 +50,7 @@ def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("where", EVERYWHERE)
-def test_all_jobs_are_done_and_failures_are_named(
-    where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_all_jobs_are_done_and_failures_are_named(where, tmp_path, capsys):
     with pytest.raises(JobsFailed, match=r"^2 of 5 jobs failed: x=-1; x=-4$"):
         run_all(math.sqrt, ROOTS, place=tmp_path / "it's = here", **EVERYWHERE[where])
     out, err = capsys.readouterr()
@@ -74,22 +71,20 @@ def test_all_jobs_are_done_and_failures_are_named(
         (errno.EIO, "runs/a b: Input/output error; is it the right one?"),
     ],
 )
-def test_errors_of_the_system_name_the_file_and_what_to_do(number: int, said: str) -> None:
+def test_errors_of_the_system_name_the_file_and_what_to_do(number, said):
     error = OSError(number, os.strerror(number), "runs/a\nb")
     assert complaint(error, trace=False, about="seed=1") == f"error: seed=1: {said}"
     assert complaint(OSError("odd"), trace=False) == "error: OSError: odd"
 
 
 @pytest.mark.parametrize("said", ["seed=-1: must be 0", "seed=-1 s: must be 0"])
-def test_a_job_that_is_named_by_what_is_refused_is_named_once(said: str) -> None:
+def test_a_job_that_is_named_by_what_is_refused_is_named_once(said):
     assert complaint(BadValue(said), trace=False, about="seed=-1") == f"error: {said}"
     assert complaint(BadValue(said), trace=False, about="seed=-") == f"error: seed=-: {said}"
 
 
 @pytest.mark.parametrize("where", ["processes", "joblib"])
-def test_processes_compute_with_one_thread(
-    where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_processes_compute_with_one_thread(where, tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     run_all(
         os.getenv,
@@ -108,7 +103,7 @@ run_all(time.sleep, [("one", 0), ("two", 60), ("three", 60), ("four", 60)], work
 """
 
 
-def test_an_interrupt_ends_all_processes_at_once() -> None:
+def test_an_interrupt_ends_all_processes_at_once():
     with subprocess.Popen(
         [sys.executable, "-c", SLEEPERS], start_new_session=True, stderr=subprocess.PIPE
     ) as process:
@@ -126,7 +121,7 @@ def test_an_interrupt_ends_all_processes_at_once() -> None:
     assert b"KeyboardInterrupt" in err
 
 
-def test_a_traceback_comes_from_where_the_error_arose(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_traceback_comes_from_where_the_error_arose(capsys):
     with pytest.raises(JobsFailed):
         run_all(math.sqrt, [("x=-1", -1.0)], workers=2, trace=True)
     err = capsys.readouterr().err
@@ -134,14 +129,12 @@ def test_a_traceback_comes_from_where_the_error_arose(capsys: pytest.CaptureFixt
     assert err.endswith("error: x=-1: ValueError: math domain error\n")
 
 
-def test_a_job_without_a_result_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_job_without_a_result_says_nothing(capsys):
     run_all(os.getenv, [("none", "NO_SUCH_VARIABLE")])
     assert capsys.readouterr() == ("", "")
 
 
-def test_slurm_is_asked_for_an_array_of_jobs_of_one_thread(
-    tmp_path: Path, slurm: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_slurm_is_asked_for_an_array_of_jobs_of_one_thread(tmp_path, slurm, capsys, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     run_all(
         os.getenv, [("a", "OMP_NUM_THREADS"), ("b", "SLURM_ARRAY_TASK_ID")], place=tmp_path, **SLURM
@@ -157,21 +150,21 @@ def test_slurm_is_asked_for_an_array_of_jobs_of_one_thread(
     }
 
 
-def test_a_launcher_that_is_not_there_is_one_mistake_of_the_command_line(tmp_path: Path) -> None:
+def test_a_launcher_that_is_not_there_is_one_mistake_of_the_command_line(tmp_path):
     with pytest.raises(
         UsageError, match=r"(?s)^hydra/launcher=moon: .*; pip install 'echolearn\[cluster\]'$"
     ):
         run_all(math.sqrt, ROOTS, launcher=["hydra/launcher=moon"], place=tmp_path)
 
 
-def ended(signal: int) -> int:
+def ended(signal):
     """Return a signal's number, after sending it to this process unless it is 0."""
     if signal:
         os.kill(os.getpid(), signal)
     return signal
 
 
-def test_a_killed_process_costs_its_own_job(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_killed_process_costs_its_own_job(capsys):
     jobs = [("one", 0), ("two", 9), ("three", 0), ("four", 9), ("five", 0)]
     with pytest.raises(JobsFailed, match="2 of 5 jobs failed: two; four"):
         run_all(ended, jobs, workers=2)

@@ -1,7 +1,6 @@
 """Multiruns: each job has a folder of its own, named after what the sweep varies; or none runs."""
 
 import shlex
-from pathlib import Path
 
 import pytest
 
@@ -11,7 +10,7 @@ from echolearn.cli.main import composed, main, parse
 from echolearn.storage.advice import PLACES
 
 
-def named(line: str) -> list[str]:
+def named(line):
     """Return the names of the jobs of a command line."""
     command, *words = shlex.split(line)
     options, _, sweeps = parse(words)
@@ -51,13 +50,13 @@ study -m experiment=rotor,attainable | rotor attainable_8x6x5
 
 
 @pytest.mark.parametrize("row", APART.replace("\\\n", "").strip().splitlines())
-def test_jobs_are_named_after_what_the_sweep_varies(row: str) -> None:
+def test_jobs_are_named_after_what_the_sweep_varies(row):
     line, names = row.split(" | ")
     found = [f"{name}".replace(" ", "-") for name in named(line)]
     assert found == names.split()
 
 
-def test_names_that_would_be_too_long_end_in_a_digest() -> None:
+def test_names_that_would_be_too_long_end_in_a_digest():
     names = named(f"map -m survey=w bundle=b direct={'a' * 120},{'b' * 120}")
     assert len({*names}) == 2 and all(len(name) == len("w-b-0123456789ab") for name in names)
 
@@ -77,14 +76,12 @@ bench -m rows=10,20 | both would write | runs/bench; run echolearn bench once fo
 """
 
 
-def test_every_command_has_a_place_for_its_folders() -> None:
+def test_every_command_has_a_place_for_its_folders():
     assert {*PLACES} == {*COMMANDS}
 
 
 @pytest.mark.parametrize("row", TOGETHER.replace("\\\n", "").strip().splitlines())
-def test_two_jobs_of_one_folder_are_refused_before_the_first(
-    row: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_jobs_of_one_folder_are_refused_before_the_first(row, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     line, *said = [part.strip() for part in row.split(" | ")]
     assert main(shlex.split(line)) == 2

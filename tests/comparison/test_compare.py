@@ -3,17 +3,15 @@ what stops it."""
 
 import csv
 import shutil
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from echolearn.checks import BadValue
 from echolearn.comparison import report
-from echolearn.comparison.choice import Comparison, chosen_run
+from echolearn.comparison.choice import chosen_run
 from echolearn.comparison.compare import (
     COLUMNS,
     TEST_COLUMNS,
@@ -27,7 +25,7 @@ from echolearn.comparison.finding import find_set, find_survey
 from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings, pick, to_csv
 from echolearn.storage import manifests
 from echolearn.training.runs import load_runs
-from world import POSES, TRAINED, WALKS, World, coming_second, evaluated
+from world import POSES, TRAINED, WALKS, coming_second, evaluated
 
 ABOUT = "role,method,split,target,kind,set_role,room,localizer"
 TABLES = {
@@ -39,21 +37,21 @@ TABLES = {
 REFERENCES = {"keep_everything", "keep_nothing", "oracle", "chance"}
 
 
-def table(path: Path) -> list[dict[str, str]]:
+def table(path):
     """Return the rows of a CSV file."""
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
 
 
 @pytest.fixture(scope="module")
-def results(compared: Path) -> list[dict[str, str]]:
+def results(compared):
     return table(compared / "results.csv")
 
 
 # ---------------------------------------------------------------- results.csv
 
 
-def test_the_columns_are_the_documented_ones(compared: Path) -> None:
+def test_the_columns_are_the_documented_ones(compared):
     documented = (Path(__file__).parents[2] / "docs" / "formats.md").read_text()
     for name, columns in TABLES.items():
         assert (compared / name).read_text().splitlines()[0] == f"{columns},{ABOUT}"
@@ -61,7 +59,7 @@ def test_the_columns_are_the_documented_ones(compared: Path) -> None:
             assert f"`{column}`" in documented
 
 
-def test_everyone_is_evaluated_everywhere(results: list[dict[str, str]], world: World) -> None:
+def test_everyone_is_evaluated_everywhere(results, world):
     models = {(name, plan) for plan, _, names in TRAINED for name in names}
     whole = pick(results, seed="", metric="balanced_accuracy")
     where = {(name, "", "", "chance") for name in world.sets}
@@ -75,9 +73,9 @@ def test_everyone_is_evaluated_everywhere(results: list[dict[str, str]], world: 
     assert {(row["tested_on"], row["localizer"]) for row in results} == {each[:2] for each in where}
 
 
-def test_a_row_says_what_it_is_about(results: list[dict[str, str]]) -> None:
+def test_a_row_says_what_it_is_about(results):
     """Whatever a name might tell stands in a column."""
-    about: dict[str, Any] = {}
+    about = {}
     for row in results:
         model = tuple(row[key] for key in ("role", "method", "split", "target"))
         about.setdefault(row["classifier"], set()).add(model)
@@ -95,15 +93,13 @@ def test_a_row_says_what_it_is_about(results: list[dict[str, str]]) -> None:
     }
 
 
-def test_no_figure_is_given_twice(results: list[dict[str, str]]) -> None:
+def test_no_figure_is_given_twice(results):
     figures = ("value", "ci_low", "ci_high", "n")
     keys = [tuple(cell for key, cell in row.items() if key not in figures) for row in results]
     assert len(keys) == len(set(keys))
 
 
-def test_a_run_is_evaluated_by_what_it_held_out_where_any_was_trained(
-    results: list[dict[str, str]], comparison: Comparison
-) -> None:
+def test_a_run_is_evaluated_by_what_it_held_out_where_any_was_trained(results, comparison):
     """All of a set that none was trained on count, every echo of a survey, and on its own set the
     figures are those of its test rows."""
     sizes = {"grid": {"14"}, "scattered": {"28"}, "offgrid_hall": {"60"}, "hall_0dB": {str(POSES)}}
@@ -124,9 +120,7 @@ def test_a_run_is_evaluated_by_what_it_held_out_where_any_was_trained(
 # ---------------------------------------------------------------- tests.csv
 
 
-def test_models_are_tested_where_they_are_new_and_points_have_one_localizer(
-    compared: Path,
-) -> None:
+def test_models_are_tested_where_they_are_new_and_points_have_one_localizer(compared):
     tests = table(compared / "tests.csv")
     places = {("offgrid_hall", "", "auc")}
     places |= {(walk, "gated", "balanced_accuracy") for walk in WALKS}
@@ -137,7 +131,7 @@ def test_models_are_tested_where_they_are_new_and_points_have_one_localizer(
     assert {t["against"] for t in tests} == {"threshold_peak"}
 
 
-def test_seeds_that_the_threshold_lacks_are_not_tested() -> None:
+def test_seeds_that_the_threshold_lacks_are_not_tested():
     """The comparison goes on without this test; nor is a leaky split tested, or another set's."""
     reference = np.array([True, False] * 6)
     rows = np.arange(12)
@@ -145,10 +139,10 @@ def test_seeds_that_the_threshold_lacks_are_not_tested() -> None:
         Recordings("set", "set"), reference, rows, np.zeros(12), np.ones((20, 12))
     )
 
-    def model(name: str, trained_on: str = "set", **more: str) -> Model:
+    def model(name, trained_on="set", **more):
         return Model(name, trained_on, "learned", "", "position", "reflector")._replace(**more)
 
-    def says(seed: int) -> Predictions:
+    def says(seed):
         return Predictions(seed, rows, reference * 1.0, 0.5)
 
     given = {
@@ -166,14 +160,14 @@ def test_seeds_that_the_threshold_lacks_are_not_tested() -> None:
 # ---------------------------------------------------------------- bytes, and what is made again
 
 
-def flip(path: Path) -> None:
+def flip(path):
     """Turn one bit in the middle of a file."""
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(bytes(content))
 
 
-def test_the_number_of_workers_changes_nothing(world: World, compared: Path) -> None:
+def test_the_number_of_workers_changes_nothing(world, compared):
     found = evaluated(world, workers=2)
     made = report.make(found, drawings=draw_all(found), name="small")
     made["results.csv"] = to_csv(found.rows, COLUMNS.split())
@@ -182,9 +176,7 @@ def test_the_number_of_workers_changes_nothing(world: World, compared: Path) -> 
         assert (compared / name).read_bytes() == content, name
 
 
-def test_a_finished_comparison_is_shown_again(
-    world: World, compared: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_finished_comparison_is_shown_again(world, compared, capsys):
     before = {path: path.stat().st_mtime_ns for path in compared.rglob("*")}
     capsys.readouterr()
     assert compare(name="small", workers=2, **world.arguments) == compared
@@ -194,7 +186,7 @@ def test_a_finished_comparison_is_shown_again(
     assert shown.out.endswith(f"{compared / 'report.html'}\n") and shown.err == ""
 
 
-def test_other_inputs_are_evaluated_anew(world: World, compared: Path, tmp_path: Path) -> None:
+def test_other_inputs_are_evaluated_anew(world, compared, tmp_path):
     """Under the same name: sets alone, a run fewer, a README to fill, and the damage of a report
     mended."""
     for part in ("data", "survey"):
@@ -220,9 +212,7 @@ def test_other_inputs_are_evaluated_anew(world: World, compared: Path, tmp_path:
     assert (folder / "table.md").read_text() in readme.read_text()
 
 
-def test_what_another_command_writes_meanwhile_is_not_shown(
-    world: World, compared: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_what_another_command_writes_meanwhile_is_not_shown(world, compared, tmp_path, capfd):
     """It comes while this one waits to write to the README, its folder free again."""
     for part in ("data", "survey", "train"):
         (tmp_path / part).symlink_to(world.runs / part)
@@ -231,13 +221,13 @@ def test_what_another_command_writes_meanwhile_is_not_shown(
     readme = tmp_path / "README.md"
     readme.write_text(f"{report.RESULTS.begin}\n{report.RESULTS.end}\n")
 
-    def other() -> None:
+    def other():
         for name in report.SHOWN:
             (folder / name).write_text("another")
 
-    said: list[str] = []
+    said = []
 
-    def heard() -> str:
+    def heard():
         said.append(capfd.readouterr().out)
         # The table is printed before the page is written.
         return "waiting for another command" if "report.html" in "".join(said) else ""
@@ -253,9 +243,7 @@ def test_what_another_command_writes_meanwhile_is_not_shown(
 INPUTS = "runs sets surveys localizers resamples report".split()
 
 
-def test_every_input_is_part_of_the_identity_and_damage_is_seen(
-    compared: Path, comparison: Comparison, tmp_path: Path
-) -> None:
+def test_every_input_is_part_of_the_identity_and_damage_is_seen(compared, comparison, tmp_path):
     manifest = manifests.load_manifest(compared)
     assert manifest["chosen"] == chosen_run(comparison).identity
     inputs = manifest["inputs"]
@@ -272,7 +260,7 @@ def test_every_input_is_part_of_the_identity_and_damage_is_seen(
 # ---------------------------------------------------------------- what stops it
 
 
-BAD: tuple[tuple[dict[str, Any], str], ...] = (
+BAD = (
     (
         {"tested": ["grid", "paper"]},
         "tested=paper: must be the name of exactly one finished set; "
@@ -293,22 +281,20 @@ BAD: tuple[tuple[dict[str, Any], str], ...] = (
 
 
 @pytest.mark.parametrize(("changes", "message"), BAD)
-def test_bad_arguments_are_one_line_and_leave_nothing(
-    world: World, changes: dict[str, Any], message: str
-) -> None:
+def test_bad_arguments_are_one_line_and_leave_nothing(world, changes, message):
     with pytest.raises(BadValue) as caught:
         compare(name="bad", **world.arguments | changes)
     assert str(caught.value).removesuffix(f" runs={world.runs}") == message
     assert not (world.runs / "compare" / "bad").exists()
 
 
-def test_without_runs_there_is_nothing_to_compare(world: World, tmp_path: Path) -> None:
+def test_without_runs_there_is_nothing_to_compare(world, tmp_path):
     (tmp_path / "data").symlink_to(world.runs / "data")
     with pytest.raises(BadValue, match=r"^runs=.*: must be a folder with trained runs; "):
         compare(name="bad", **world.arguments | {"runs": tmp_path})
 
 
-def test_a_readme_without_markers_stops_it_before_any_work(world: World, tmp_path: Path) -> None:
+def test_a_readme_without_markers_stops_it_before_any_work(world, tmp_path):
     (tmp_path / "README.md").write_text("no markers\n")
     with pytest.raises(BadValue, match="readme="):
         compare(name="bad", readme=tmp_path / "README.md", **world.arguments)
@@ -324,7 +310,7 @@ def test_a_readme_without_markers_stops_it_before_any_work(world: World, tmp_pat
         "train/svm_pair-grid-s0-*/metrics.json",
     ],
 )
-def test_what_is_damaged_stops_it(world: World, tmp_path: Path, name: str) -> None:
+def test_what_is_damaged_stops_it(world, tmp_path, name):
     for part in ("data", "survey", "train"):
         if name.startswith(part):
             shutil.copytree(world.runs / part, tmp_path / part)
@@ -340,17 +326,14 @@ def test_what_is_damaged_stops_it(world: World, tmp_path: Path, name: str) -> No
 # ---------------------------------------------------------------- what is found
 
 
-Put = Callable[[str], Path]
-
-
 @pytest.fixture
-def put(world: World, tmp_path: Path) -> Put:
+def put(world, tmp_path):
     """Return a function that copies a set to a folder of another name."""
     grid = world.sets["grid"].folder
     return lambda name: Path(shutil.copytree(grid, tmp_path / "data" / name))
 
 
-def test_two_sets_of_one_name_are_one_too_many(put: Put, tmp_path: Path) -> None:
+def test_two_sets_of_one_name_are_one_too_many(put, tmp_path):
     for number in range(2):
         put(f"grid-{number:012x}")
     with pytest.raises(
@@ -359,7 +342,7 @@ def test_two_sets_of_one_name_are_one_too_many(put: Put, tmp_path: Path) -> None
         find_set(tmp_path, "grid")
 
 
-def test_a_set_of_another_version_is_passed_over(world: World, put: Put, tmp_path: Path) -> None:
+def test_a_set_of_another_version_is_passed_over(world, put, tmp_path):
     old = put("grid-0123456789ab")
     manifest = manifests.load_manifest(old)
     plan = {key: value for key, value in manifest["plan"].items() if key != "role"}
@@ -373,7 +356,7 @@ def test_a_set_of_another_version_is_passed_over(world: World, put: Put, tmp_pat
     assert inputs.roles == {"grid": "grid"}
 
 
-def test_a_set_is_found_by_its_whole_name(put: Put, tmp_path: Path) -> None:
+def test_a_set_is_found_by_its_whole_name(put, tmp_path):
     for name in ("grid", "grid-fine", "grid_planar"):
         put(f"{name}-0123456789ab")
     for name in ("grid", "grid_planar"):
@@ -386,9 +369,7 @@ def test_a_set_is_found_by_its_whole_name(put: Put, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("plan", [None, "text", {}, {"name": ["a"]}, {"name": "grid"}])
-def test_a_set_of_no_plan_beside_the_others_stops_nothing(
-    world: World, tmp_path: Path, plan: object
-) -> None:
+def test_a_set_of_no_plan_beside_the_others_stops_nothing(world, tmp_path, plan):
     for part in ("survey", "train"):
         (tmp_path / part).symlink_to(world.runs / part)
     shutil.copytree(world.runs / "data", tmp_path / "data")
@@ -399,7 +380,7 @@ def test_a_set_of_no_plan_beside_the_others_stops_nothing(
     assert [*found.sets] == world.arguments["tested"] and len(found.models) == 5
 
 
-def test_a_survey_is_found_once_it_finished(tmp_path: Path) -> None:
+def test_a_survey_is_found_once_it_finished(tmp_path):
     (tmp_path / "survey" / "half").mkdir(parents=True)
     with pytest.raises(BadValue, match="surveys=half"):
         find_survey(tmp_path, "half")

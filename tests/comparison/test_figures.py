@@ -2,18 +2,14 @@
 given."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from echolearn.acoustics.sides import closed
-from echolearn.acoustics.types import Array
 from echolearn.comparison import figures
-from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Predictions, Recordings, Row
+from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Predictions, Recordings
 
 POINTS = np.array([[0.0, 2.0], [3.0, 0.05], [5.95, 2.0], [3.0, 3.5], [2.0, 2.0]])
 POSES = np.array([[1.5, 2.0], [3.0, 1.5], [4.5, 2.0], [3.0, 2.5], [3.0, 2.0]])
@@ -22,41 +18,41 @@ KEPT = np.array([True, False, True, True, False])
 NOTHING = np.zeros(5, dtype=bool)
 
 
-def labelled(reference: Array) -> LabelledRows:
+def labelled(reference):
     rows = np.arange(len(reference))
     return LabelledRows(Recordings("", "set"), reference, rows, 0.0 * rows, np.ones((1, len(rows))))
 
 
-def walk() -> LocalizedSurvey:
+def walk():
     """Return a survey of five poses in a room of 6 m by 4 m."""
     corners = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 4.0], [0.0, 4.0]])
     return LocalizedSurvey(labelled(TRUE), POINTS, POSES, closed(corners), {})
 
 
-def row(snr_db: str, value: float) -> Row:
+def row(snr_db, value):
     return {"snr_db": snr_db, "value": value, "ci_low": value - 0.1, "ci_high": value + 0.05}
 
 
-def belief() -> str:
+def belief():
     rng = np.random.default_rng(0)
     some = Predictions(0, np.arange(0, 200, 2), rng.random(100), 0.5)
     every = Predictions(0, np.arange(200), rng.random(200), 0.5)
     return figures.belief({"some": some, "every": every}, labelled(rng.random(200) < 0.5))
 
 
-def arrival_times() -> str:
+def arrival_times():
     rng = np.random.default_rng(0)
     sets = {name: (rng.random(50), rng.random(50) < 0.5) for name in ("on", "off")}
     return figures.arrival_times(sets)
 
 
-def over_snr(lines: int) -> str:
+def over_snr(lines):
     """Draw more lines than there are colours."""
     many = {str(n): [row("0", 0.5), row("-5", 0.4)] for n in range(lines)}
     return figures.over_snr({"room": many}, ylabel="y")
 
 
-DRAWN: dict[str, Callable[[], str]] = {
+DRAWN = {
     "maps": lambda: figures.maps([("a", walk(), KEPT), ("b", walk(), NOTHING)], classifier="c"),
     "over_snr": lambda: over_snr(30),
     "bands": lambda: figures.bands(
@@ -69,7 +65,7 @@ DRAWN: dict[str, Callable[[], str]] = {
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_a_figure_is_the_same_svg_each_time_and_needs_nothing_else(name: str) -> None:
+def test_a_figure_is_the_same_svg_each_time_and_needs_nothing_else(name):
     """No date, no font, no image: every reference is to the figure itself."""
     first = DRAWN[name]()
     assert first == DRAWN[name]()
@@ -82,7 +78,7 @@ def test_a_figure_is_the_same_svg_each_time_and_needs_nothing_else(name: str) ->
         assert all(link.startswith("#") for link in links)
 
 
-def test_a_walk_is_a_row_of_two_maps_before_and_after() -> None:
+def test_a_walk_is_a_row_of_two_maps_before_and_after():
     sizes = []
     for walks in (1, 2):
         root = ET.fromstring(figures.maps([("", walk(), KEPT)] * walks, classifier="c"))
@@ -91,16 +87,16 @@ def test_a_walk_is_a_row_of_two_maps_before_and_after() -> None:
     assert sizes[1][1] > 1.5 * sizes[0][1]
 
 
-def painted(kept: Array = KEPT) -> Axes:
+def painted(kept=KEPT):
     axis = Figure(figsize=(7, 3)).subplots()
     figures.paint_map(axis, walk(), title="title", kept=kept)
     return axis
 
 
-def test_a_map_shows_walls_path_and_every_point_once() -> None:
+def test_a_map_shows_walls_path_and_every_point_once():
     """Kinds of points differ in shape, not in colour alone; all is true to scale."""
     axis = painted()
-    lines: dict[Any, Any] = {line.get_label(): line for line in axis.lines}
+    lines = {line.get_label(): line for line in axis.lines}
     drawn = {label: np.array(line.get_data()) for label, line in lines.items()}
     assert np.array_equal(drawn["path"].T, POSES)
     assert np.array_equal(drawn["wall"][:, 0], drawn["wall"][:, -1])
@@ -113,12 +109,12 @@ def test_a_map_shows_walls_path_and_every_point_once() -> None:
     assert (*axis.get_xlim(), *axis.get_ylim()) == pytest.approx((-0.6, 6.6, -0.6, 4.6))
 
 
-def test_the_title_says_how_many_kept_points_are_true() -> None:
+def test_the_title_says_how_many_kept_points_are_true():
     assert painted().get_title() == "title\n67% of 3 points on a wall"
     assert painted(NOTHING).get_title() == "title\nno points"
 
 
-def test_lines_over_snr_have_their_interval_and_colours_begin_anew() -> None:
+def test_lines_over_snr_have_their_interval_and_colours_begin_anew():
     _, [axis] = figures.styled(figures.canvas)(1, width=4, height=3)
     figures.paint_line(axis, [row("-10", 0.6), row("0", 0.9)], label="a")
     assert np.array_equal(np.array(axis.lines[0].get_data()), [[-10, 0], [0.6, 0.9]])

@@ -4,21 +4,17 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from by_hand import edit
 from echolearn.acoustics.signals import noise_covariance, noise_psd
-from echolearn.acoustics.types import Echoes, Observation
 from echolearn.checks import BadValue
-from echolearn.comparison.choice import Comparison
 from echolearn.comparison.evaluate import evaluate_set
 from echolearn.comparison.localized import localize_survey
 from echolearn.evaluation.rows import MISSING_COLUMNS, LocalizedSurvey, Recordings
 from echolearn.localization.localize import localize
-from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.joint import Joint
 from echolearn.localization.methods.snls import Snls
 from echolearn.mapping.echo_map import echo_map
@@ -30,22 +26,22 @@ from echolearn.survey import audio, reader
 from echolearn.survey.poses import poses_csv
 from echolearn.survey.survey import BLOCK, blocks
 from echolearn.training.runs import load_runs
-from world import HALL, POSES, World, plans
+from world import HALL, POSES, plans
 
 Localized = Callable[..., LocalizedSurvey]
 
 
 @pytest.fixture(scope="module")
-def walk(world: World) -> Path:
+def walk(world):
     """Return the walk at 0 dB."""
     return world.runs / "survey" / "hall_0dB"
 
 
 @pytest.fixture(scope="module")
-def localized(world: World, walk: Path) -> Localized:
+def localized(world, walk):
     """Return a function that localizes a survey by one of the world's localizers."""
 
-    def by(name: str = "gated", folder: Path = walk) -> LocalizedSurvey:
+    def by(name="gated", folder=walk):
         localizer = world.arguments["localizers"][name]
         return localize_survey(folder, localizer, name=name, resamples=9)
 
@@ -53,11 +49,11 @@ def localized(world: World, walk: Path) -> Localized:
 
 
 @pytest.fixture(scope="module")
-def gated(localized: Localized) -> LocalizedSurvey:
+def gated(localized):
     return localized()
 
 
-def test_models_get_what_they_look_at_where_it_is(world: World, walk: Path) -> None:
+def test_models_get_what_they_look_at_where_it_is(world, walk):
     """A survey is described as they need it; of a set without that a row says so."""
     name = "covariance_steered_ideal"
     localizer = world.arguments["localizers"]["gated"]
@@ -75,9 +71,7 @@ def test_models_get_what_they_look_at_where_it_is(world: World, walk: Path) -> N
     assert any(row["classifier"] == "trees_features" for row in found.rows)
 
 
-def test_blocks_of_recordings_give_what_all_of_them_give(
-    world: World, walk: Path, gated: LocalizedSurvey
-) -> None:
+def test_blocks_of_recordings_give_what_all_of_them_give(world, walk, gated):
     """Every echo is its pose's, every point where `echo_map` puts it."""
     read = reader.read_survey(walk)
     observation = read.observe(range(POSES))
@@ -97,12 +91,12 @@ class Counted(Snls):
 
     given: list[int] = field(default_factory=list)
 
-    def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
+    def __call__(self, observation, view=None):
         self.given.append(len(observation.samples))
         return super().__call__(observation, view)
 
 
-def test_few_long_recordings_are_held_together(walk: Path, tmp_path: Path) -> None:
+def test_few_long_recordings_are_held_together(walk, tmp_path):
     """Twelve seconds of 6 microphones are 1.6 million samples, of which two are less than 2^22 and
     three are more."""
     long = 1 << 18
@@ -122,7 +116,7 @@ def test_few_long_recordings_are_held_together(walk: Path, tmp_path: Path) -> No
     assert blocks(reader.read_survey(walk)) == [range(32), range(32, 36)]
 
 
-def test_true_is_what_lies_within_ten_centimetres_of_a_wall(comparison: Comparison) -> None:
+def test_true_is_what_lies_within_ten_centimetres_of_a_wall(comparison):
     sides = np.array(HALL.size[:2])
     distances = []
     for each in comparison.surveys.values():
@@ -135,9 +129,7 @@ def test_true_is_what_lies_within_ten_centimetres_of_a_wall(comparison: Comparis
     assert (near <= 0.10).any() and ((near > 0.10) & (near < 0.20)).any()
 
 
-def test_what_is_known_of_the_recording_goes_into_columns(
-    gated: LocalizedSurvey, comparison: Comparison
-) -> None:
+def test_what_is_known_of_the_recording_goes_into_columns(gated, comparison):
     labelled = gated.labelled
     assert labelled.source == Recordings("hall_0dB", "survey", "white", "", "6x5x4", "gated")
     assert (labelled.joint_snr_db == 0.0).all()
@@ -148,9 +140,7 @@ def test_what_is_known_of_the_recording_goes_into_columns(
     assert gated.snr_db == "0" and comparison.surveys["hall_-10dB", "gated"].snr_db == "-10"
 
 
-def test_localizers_find_the_same_times_and_other_directions(
-    localized: Localized, gated: LocalizedSurvey
-) -> None:
+def test_localizers_find_the_same_times_and_other_directions(localized, gated):
     whole = localized("snls")
     assert np.array_equal(whole.columns["toa"], gated.columns["toa"])
     assert np.array_equal(whole.labelled.weights, gated.labelled.weights)
@@ -158,13 +148,11 @@ def test_localizers_find_the_same_times_and_other_directions(
 
 
 @pytest.fixture
-def copied(walk: Path, tmp_path: Path) -> Path:
+def copied(walk, tmp_path):
     return Path(shutil.copytree(walk, tmp_path / "copy"))
 
 
-def test_without_walls_there_is_nothing_to_evaluate_against(
-    localized: Localized, copied: Path
-) -> None:
+def test_without_walls_there_is_nothing_to_evaluate_against(localized, copied):
     edit(copied, walls=...)
     with pytest.raises(BadValue, match=r"survey.yaml: it has no walls; without the room's outline"):
         localized(folder=copied)
@@ -174,27 +162,25 @@ def test_without_walls_there_is_nothing_to_evaluate_against(
     ("conditions", "noise", "room"),
     [(..., "unknown", "copy"), ({"room": "attic", "noise": "fan"}, "fan", "attic")],
 )
-def test_a_robots_survey_says_what_it_knows(
-    localized: Localized, copied: Path, conditions: Any, noise: str, room: str
-) -> None:
+def test_a_robots_survey_says_what_it_knows(localized, copied, conditions, noise, room):
     edit(copied, conditions=conditions)
     labelled = localized(folder=copied).labelled
     assert (labelled.source.noise, labelled.source.room) == (noise, room)
     assert np.isnan(labelled.joint_snr_db).all()
 
 
-def test_a_missing_recording_is_named(localized: Localized, copied: Path) -> None:
+def test_a_missing_recording_is_named(localized, copied):
     (copied / "observations" / "0033.wav").unlink()
     with pytest.raises(BadValue, match=r"observations/0033.wav: cannot be read"):
         localized(folder=copied)
 
 
-def test_under_rotors_a_localizer_that_whitens_finds_more_walls(tmp_path: Path, walk: Path) -> None:
+def test_under_rotors_a_localizer_that_whitens_finds_more_walls(tmp_path, walk):
     """What the noise alone sounds like goes with every recording; floor and ceiling are too far to
     be heard."""
     scene = replace(plans()[0].scene, diffuse=Diffuse(Rotor()))
     room = replace(HALL, size=(6.0, 5.0, 6.0))
-    about: Any = {"levels": NoiseLevels(40.0, -21.0), "poses": POSES, "runs": tmp_path}
+    about = {"levels": NoiseLevels(40.0, -21.0), "poses": POSES, "runs": tmp_path}
     hovering = survey(name="rotors", room=room, scene=scene, **about)
     true = []
     for whiten in (False, True):

@@ -3,10 +3,8 @@ models that were made for another robot are rows that say so."""
 
 import csv
 import shutil
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ import pytest
 from by_hand import edit
 from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.rooms import outline, true_echoes
-from echolearn.acoustics.types import Array, MicArray
+from echolearn.acoustics.types import MicArray
 from echolearn.checks import BadValue
 from echolearn.comparison.compare import compare, load_inputs
 from echolearn.comparison.evaluate import evaluate, evaluate_measured
@@ -22,19 +20,19 @@ from echolearn.comparison.finding import find_survey
 from echolearn.comparison.fitting import OTHER_ARRAY, OTHER_RATE, misfit, robot_of
 from echolearn.comparison.localized import localized
 from echolearn.comparison.measured import grouped, measured_rows
-from echolearn.evaluation.rows import OTHER_LOCALIZER, Row, pick
+from echolearn.evaluation.rows import OTHER_LOCALIZER, pick
 from echolearn.localization.methods.gated import Gated
 from echolearn.survey.poses import poses_csv
 from echolearn.survey.reader import read_survey
 from echolearn.survey.truth import truth_csv
 from echolearn.training.runs import Run
-from world import CLASSIFIERS, HALL, World
+from world import CLASSIFIERS, HALL
 
 SOME = 12
 """Poses of each recorded walk."""
 
 
-def recorded(folder: Path, source: Path, **about: Any) -> Path:
+def recorded(folder, source, **about):
     """Make of a simulated walk one that a robot has recorded, its echoes known."""
     shutil.copytree(source, folder)
     (folder / "manifest.json").unlink()
@@ -50,7 +48,7 @@ def recorded(folder: Path, source: Path, **about: Any) -> Path:
 
 
 @pytest.fixture(scope="module")
-def walks(world: World, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+def walks(world, tmp_path_factory):
     """Return recorded walks by name: at two levels, with walls, by another array."""
     base = tmp_path_factory.mktemp("recorded")
     loud, quiet = (world.runs / "survey" / name for name in ("hall_0dB", "hall_-10dB"))
@@ -68,7 +66,7 @@ def walks(world: World, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str
 
 
 @pytest.fixture(scope="module")
-def rows(world: World, walks: Mapping[str, Path]) -> Any:
+def rows(world, walks):
     """Return the rows of a comparison with all of them."""
     inputs = load_inputs(
         world.runs,
@@ -79,15 +77,13 @@ def rows(world: World, walks: Mapping[str, Path]) -> Any:
     return evaluate(inputs, resamples=30, workers=1).rows
 
 
-def one(rows: list[Row], **wanted: Any) -> Row:
+def one(rows, **wanted):
     """Return the only row of a kind."""
     [found] = pick(rows, kind="measured", seed="", **wanted)
     return found
 
 
-def test_levels_of_one_room_are_judged_together_and_each_alone(
-    walks: Mapping[str, Path], rows: list[Row]
-) -> None:
+def test_levels_of_one_room_are_judged_together_and_each_alone(walks, rows):
     assert {name: [each.name for each in some] for name, some in grouped(walks).items()} == {
         "hall": ["loud", "quiet"],
         "walled": ["walled"],
@@ -100,12 +96,10 @@ def test_levels_of_one_room_are_judged_together_and_each_alone(
         )  # fmt: skip
 
 
-def test_labels_and_metrics_are_those_of_a_slow_look(
-    walks: Mapping[str, Path], rows: list[Row], world: World
-) -> None:
+def test_labels_and_metrics_are_those_of_a_slow_look(walks, rows, world):
     gated = world.arguments["localizers"]["gated"]
-    both: list[bool] = []
-    timed: list[bool] = []
+    both = []
+    timed = []
     for name in ("loud", "quiet"):
         survey = read_survey(walks[name])
         echoes, _ = localized(survey, gated)
@@ -133,9 +127,7 @@ def test_labels_and_metrics_are_those_of_a_slow_look(
     assert (weights == weights[:, :1, :, :1]).all()
 
 
-def test_walls_label_what_has_no_table_of_echoes(
-    walks: Mapping[str, Path], rows: list[Row], world: World
-) -> None:
+def test_walls_label_what_has_no_table_of_echoes(walks, rows, world):
     gated = world.arguments["localizers"]["gated"]
     measured = measured_rows("walled", [walks["walled"]], gated, name="gated", resamples=30)
     assert measured.label == "on_map" and measured.by_time is None
@@ -146,7 +138,7 @@ def test_walls_label_what_has_no_table_of_echoes(
     assert not pick(rows, kind="survey", tested_on="hall")
 
 
-def test_who_was_trained_for_another_array_is_a_row_that_says_so(rows: list[Row]) -> None:
+def test_who_was_trained_for_another_array_is_a_row_that_says_so(rows):
     here = pick(rows, kind="measured", tested_on="other")
     learned = [row for row in here if row["role"] != "reference"]
     assert {row["metric"] for row in learned} == {OTHER_ARRAY}
@@ -159,13 +151,11 @@ def test_who_was_trained_for_another_array_is_a_row_that_says_so(rows: list[Row]
 class Deaf(Gated):
     """Works on no array."""
 
-    def __call__(self, *given: Any, **more: Any) -> Any:
+    def __call__(self, *given, **more):
         raise BadValue("microphones=6: must be 7")
 
 
-def test_a_localizer_that_cannot_work_is_a_row_that_says_so(
-    world: World, walks: Mapping[str, Path], capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_localizer_that_cannot_work_is_a_row_that_says_so(world, walks, capfd):
     deaf = {"deaf": Deaf(world.arguments["localizers"]["gated"].window, 36)}
     inputs = load_inputs(
         world.runs, tested=["offgrid_hall"], surveys=[str(walks["loud"])], localizers=deaf
@@ -184,9 +174,7 @@ def test_a_localizer_that_cannot_work_is_a_row_that_says_so(
     assert capfd.readouterr().err == "hall, deaf: microphones=6: must be 7\n"
 
 
-def test_a_comparison_shows_measured_columns_and_its_columns_stay(
-    world: World, walks: Mapping[str, Path], tmp_path: Path
-) -> None:
+def test_a_comparison_shows_measured_columns_and_its_columns_stay(world, walks, tmp_path):
     runs = tmp_path / "runs"
     for part in ("data", "train"):
         shutil.copytree(world.runs / part, runs / part)
@@ -219,13 +207,13 @@ def test_a_comparison_shows_measured_columns_and_its_columns_stay(
 # ---------------------------------------------------------------- who fits whom
 
 
-def run_with(microphones: Array | None) -> Run:
+def run_with(microphones):
     """Return a run whose metrics say where its microphones were."""
     said = {} if microphones is None else {"microphones": microphones.tolist()}
     return Run(Path("run"), said)
 
 
-def test_a_robot_whose_survey_has_fewer_digits_or_is_turned_is_the_same() -> None:
+def test_a_robot_whose_survey_has_fewer_digits_or_is_turned_is_the_same():
     ring = circular_array()
     trained = robot_of(ring, 22050.0)._replace(positions=None)
     rounded = MicArray(np.round(ring.positions, 4))
@@ -244,9 +232,7 @@ def test_a_robot_whose_survey_has_fewer_digits_or_is_turned_is_the_same() -> Non
     assert misfit(known, None, robot_of(fewer, 22050.0)) == ""
 
 
-def test_walks_of_another_robot_alone_are_refused_in_one_line(
-    world: World, walks: Mapping[str, Path], tmp_path: Path
-) -> None:
+def test_walks_of_another_robot_alone_are_refused_in_one_line(world, walks, tmp_path):
     folder = Path(shutil.copytree(walks["walled"], tmp_path / "wide"))
     edit(folder, microphones=circular_array(radius=0.3).positions.tolist())
     inputs = load_inputs(
@@ -259,7 +245,7 @@ def test_walks_of_another_robot_alone_are_refused_in_one_line(
         evaluate(inputs, resamples=30, workers=1)
 
 
-def test_what_is_still_being_made_is_no_survey(walks: Mapping[str, Path], tmp_path: Path) -> None:
+def test_what_is_still_being_made_is_no_survey(walks, tmp_path):
     place = tmp_path / "survey" / "r3vival_0dB_1"
     shutil.copytree(walks["loud"], place)
     assert find_survey(tmp_path, place.name) == place

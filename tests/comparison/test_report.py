@@ -7,16 +7,14 @@ from dataclasses import replace
 from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from echolearn.checks import BadValue
 from echolearn.comparison import choice, drawings, figures, report, tables, template
-from echolearn.comparison.choice import Comparison
 from echolearn.comparison.tables import placed
-from echolearn.evaluation.rows import Row, pick
+from echolearn.evaluation.rows import pick
 from echolearn.storage.marked_page import around
 from echolearn.training.predictions import predict_echoes
 
@@ -30,17 +28,17 @@ REFERENCES = ("keep_everything", "keep_nothing", "oracle", "chance")
 class Page(HTMLParser):
     """What a page consists of; an element that is closed wrongly is an error."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text):
         super().__init__()
-        self.open: list[str] = []
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.texts: list[tuple[str, str]] = []
-        self.rows: list[list[str]] = []
+        self.open = []
+        self.tags = []
+        self.texts = []
+        self.rows = []
         self.feed(text)
         self.close()
         assert not self.open
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         self.tags.append((tag, dict(attrs)))
         self.open += [tag] * (tag not in VOID)
         if tag == "tr":
@@ -48,42 +46,42 @@ class Page(HTMLParser):
         if tag == "td":
             self.rows[-1].append("")
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         self.texts.append((self.open[-1] if self.open else "", data))
         if "td" in self.open:
             self.rows[-1][-1] += data
 
-    def all(self, tag: str) -> list[dict[str, str | None]]:
+    def all(self, tag):
         """Return the attributes of every element of that name."""
         return [attributes for name, attributes in self.tags if name == tag]
 
-    def cells(self, *first: str) -> list[list[str]]:
+    def cells(self, *first):
         """Return the cells of the table rows that begin with these."""
         return [row for row in self.rows if row[: len(first)] == [*first]]
 
     @property
-    def text(self) -> str:
+    def text(self):
         """All that can be read, blanks made one."""
         return " ".join(" ".join(text for tag, text in self.texts if tag != "style").split())
 
 
 @pytest.fixture(scope="module")
-def files(compared: Path) -> dict[str, bytes]:
+def files(compared):
     """Return what `compare` has written, by name."""
     paths = (path for path in compared.rglob("*") if path.is_file())
     return {str(path.relative_to(compared)): path.read_bytes() for path in paths}
 
 
 @pytest.fixture(scope="module")
-def page(files: dict[str, bytes]) -> Page:
+def page(files):
     return Page(files["report.html"].decode())
 
 
 @pytest.fixture(scope="module")
-def rows(comparison: Comparison) -> list[Row]:
+def rows(comparison):
     """Return the means over seeds, with places."""
     return placed(pick(comparison.rows, seed=""), comparison.surveys.values())
 
@@ -91,7 +89,7 @@ def rows(comparison: Comparison) -> list[Row]:
 # ---------------------------------------------------------------- the page
 
 
-def test_the_page_needs_nothing_from_elsewhere(page: Page, files: dict[str, bytes]) -> None:
+def test_the_page_needs_nothing_from_elsewhere(page, files):
     """Its images are the figures, its links lead to places on the page."""
     assert not re.search(r"https?://|@import|url\(", files["report.html"].decode())
     assert not page.all("script") and not page.all("link") and not page.all("iframe")
@@ -107,7 +105,7 @@ def test_the_page_needs_nothing_from_elsewhere(page: Page, files: dict[str, byte
     assert {str(link["href"]).removeprefix("#") for link in page.all("a")} <= places
 
 
-def test_everyone_and_everything_is_on_the_page(page: Page, comparison: Comparison) -> None:
+def test_everyone_and_everything_is_on_the_page(page, comparison):
     for name in (*CLASSIFIERS, *REFERENCES, *comparison.sets, "6x5x4", "gated"):
         assert name in page.text
     for dataset in comparison.sets.values():
@@ -115,9 +113,7 @@ def test_everyone_and_everything_is_on_the_page(page: Page, comparison: Comparis
     assert "7 trained runs, seeds 0, 1" in page.text
 
 
-def test_the_first_sentence_says_what_the_comparison_found(
-    page: Page, comparison: Comparison
-) -> None:
+def test_the_first_sentence_says_what_the_comparison_found(page, comparison):
     best = choice.chosen(comparison)
     where = best._asdict() | {"tested_on": "hall_-10dB", "localizer": "gated"}
     told = []
@@ -134,7 +130,7 @@ def test_the_first_sentence_says_what_the_comparison_found(
     assert f"balanced accuracy differs from the bare threshold's by {points} [" in page.text
 
 
-def test_every_cell_of_the_generalisation_table_is_there(page: Page, rows: list[Row]) -> None:
+def test_every_cell_of_the_generalisation_table_is_there(page, rows):
     cells = pick(rows, kind="set", metric="auc", snr_db="")
     assert len(cells) == 3 * (3 + 2 + 1)
     for cell in cells:
@@ -145,15 +141,12 @@ def test_every_cell_of_the_generalisation_table_is_there(page: Page, rows: list[
 
 
 def test_maps_are_drawn_before_and_after_the_filter_the_lowest_snr_first(
-    comparison: Comparison,
-    rows: list[Row],
-    files: dict[str, bytes],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    drawn: list[Any] = []
+    comparison, rows, files, monkeypatch
+):
+    drawn = []
     paint = figures.paint_map
 
-    def noted(axis: Any, *given: Any, **about: Any) -> None:
+    def noted(axis, *given, **about):
         drawn.append((given, about))
         paint(axis, *given, **about)
 
@@ -172,9 +165,7 @@ def test_maps_are_drawn_before_and_after_the_filter_the_lowest_snr_first(
     assert kept.any() and not kept.all()
 
 
-def test_quality_is_drawn_over_snr_with_the_main_localizer(
-    comparison: Comparison, rows: list[Row]
-) -> None:
+def test_quality_is_drawn_over_snr_with_the_main_localizer(comparison, rows):
     lines = drawings.quality(comparison, rows)["6x5x4"]
     assert set(lines) == set(CLASSIFIERS)
     for name, found in lines.items():
@@ -192,13 +183,13 @@ def test_quality_is_drawn_over_snr_with_the_main_localizer(
 # ---------------------------------------------------------------- comparisons of another kind
 
 
-def only(comparison: Comparison, **wanted: Any) -> Comparison:
+def only(comparison, **wanted):
     """Return a comparison as if these had been all."""
     rows, tests = (pick(table, **wanted) for table in (comparison.rows, comparison.tests))
     return replace(comparison, rows=rows, tests=tests)
 
 
-def test_thresholds_alone_make_a_report_and_so_does_one_walk(comparison: Comparison) -> None:
+def test_thresholds_alone_make_a_report_and_so_does_one_walk(comparison):
     """The threshold is then the best there is, nothing is tested against it, one walk has one
     map."""
     models = {who: runs for who, runs in comparison.models.items() if who.role == "baseline"}
@@ -217,7 +208,7 @@ def test_thresholds_alone_make_a_report_and_so_does_one_walk(comparison: Compari
     assert len(page.all("img")) == 6
 
 
-def test_without_surveys_there_are_no_maps(comparison: Comparison) -> None:
+def test_without_surveys_there_are_no_maps(comparison):
     """Nor can the comparison's name break the page."""
     bare = only(replace(comparison, surveys={}), kind="set")
     made = report.make(bare, drawings=drawings.draw_all(bare), name="<script>x</script>")
@@ -231,7 +222,7 @@ def test_without_surveys_there_are_no_maps(comparison: Comparison) -> None:
     assert "True points kept" not in made["table.md"].decode()
 
 
-def test_rooms_may_be_walked_at_different_snrs(comparison: Comparison) -> None:
+def test_rooms_may_be_walked_at_different_snrs(comparison):
     """Each has its own cells; what was not walked is left empty; an unusual SNR has no tables."""
     rows = list(comparison.rows)
     surveys = dict(comparison.surveys)
@@ -268,13 +259,11 @@ def test_rooms_may_be_walked_at_different_snrs(comparison: Comparison) -> None:
     ("value", "percent", "figure"),
     [(0.125, "12", "0.12"), (0.9999, "100", "1.00"), (NAN, "", ""), ("", "", ""), (None, "", "")],
 )
-def test_figures_are_rounded_and_undefined_ones_left_out(
-    value: Any, percent: str, figure: str
-) -> None:
+def test_figures_are_rounded_and_undefined_ones_left_out(value, percent, figure):
     assert (template.number(value, 100, 0), template.number(value)) == (percent, figure)
 
 
-def test_an_interval_is_shown_where_there_is_one_and_a_difference_has_a_sign() -> None:
+def test_an_interval_is_shown_where_there_is_one_and_a_difference_has_a_sign():
     row = {"value": 0.756, "ci_low": 0.7, "ci_high": 0.81}
     assert template.interval(row) == "0.76 [0.70, 0.81]"
     assert template.interval(row, 100, 0) == "76 [70, 81]"
@@ -284,13 +273,13 @@ def test_an_interval_is_shown_where_there_is_one_and_a_difference_has_a_sign() -
     assert template.signed(test) == "+3.1 [-0.2, +6.0]"
 
 
-def test_worse_than_a_coin_is_red_and_better_is_blue() -> None:
+def test_worse_than_a_coin_is_red_and_better_is_blue():
     assert template.shade(0.5).endswith(" 0.00)")
     assert template.shade(1.0) == "rgba(0, 114, 178, 0.42)"
     assert template.shade(0.25) == "rgba(213, 94, 0, 0.21)"
 
 
-def test_the_machine_is_described() -> None:
+def test_the_machine_is_described():
     found = report.machine()
     assert re.fullmatch(r".+, \d+ cores", found["processor"])
     assert f"numpy {np.__version__}" in found["libraries"]
@@ -299,7 +288,7 @@ def test_the_machine_is_described() -> None:
 # ---------------------------------------------------------------- the table, here and in a README
 
 
-def test_the_table_has_a_line_per_model(files: dict[str, bytes], comparison: Comparison) -> None:
+def test_the_table_has_a_line_per_model(files, comparison):
     lines = {}
     for line in files["table.md"].decode().splitlines():
         if line.count("|") == 5:
@@ -318,9 +307,7 @@ def test_the_table_has_a_line_per_model(files: dict[str, bytes], comparison: Com
 
 
 @pytest.mark.parametrize("maps", [True, False])
-def test_a_readme_gets_the_table_between_its_markers_and_the_map(
-    compared: Path, tmp_path: Path, maps: bool
-) -> None:
+def test_a_readme_gets_the_table_between_its_markers_and_the_map(compared, tmp_path, maps):
     """Without maps its picture stays."""
     before, after = "# Title\n\n<!-- another -->\r\n", "\n\n## Mehr über\n"
     readme = tmp_path / "README.md"
@@ -336,7 +323,7 @@ def test_a_readme_gets_the_table_between_its_markers_and_the_map(
 
 
 @pytest.mark.parametrize("text", ["nothing", BEGIN, END, END + BEGIN, 2 * (BEGIN + END)])
-def test_a_readme_without_the_markers_is_left_alone(tmp_path: Path, text: str) -> None:
+def test_a_readme_without_the_markers_is_left_alone(tmp_path, text):
     show = partial(report.show, {"table.md": b"new"}, folder=tmp_path)
     readme = tmp_path / "README.md"
     readme.write_text(text)
@@ -348,6 +335,6 @@ def test_a_readme_without_the_markers_is_left_alone(tmp_path: Path, text: str) -
         show(readme=readme)
 
 
-def test_the_projects_readme_has_the_markers() -> None:
+def test_the_projects_readme_has_the_markers():
     before, after = around(Path(__file__).parents[2] / "README.md", report.RESULTS)
     assert before.endswith(BEGIN) and after.startswith(END)

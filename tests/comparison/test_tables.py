@@ -17,17 +17,15 @@ from echolearn.evaluation.rows import (
     LocalizedSurvey,
     Model,
     Recordings,
-    Row,
     pick,
 )
 from echolearn.training.runs import Run
-from world import World
 
 COLUMNS = ("toa",)
 TENSOR = ("covariance",)
 
 
-def row(classifier: str, trained_on: str, tested_on: str, value: float, **more: Any) -> Row:
+def row(classifier, trained_on, tested_on, value, **more):
     """Return a row of results on a set with the mean over seeds."""
     role, split, target = ("reference", "", "") if trained_on == "-" else LEARNED
     model = Model(classifier, trained_on, role, "", split, target)
@@ -38,9 +36,7 @@ def row(classifier: str, trained_on: str, tested_on: str, value: float, **more: 
 LEARNED = ("learned", "position", "reflector")
 
 
-def trained(
-    classifier: str, trained_on: str, *balanced: float, method: str = "svm", **more: Any
-) -> tuple[Model, list[Run]]:
+def trained(classifier, trained_on, *balanced, method="svm", **more):
     """Return a model with a run per seed that has these validation figures."""
     inputs = TENSOR if classifier.startswith("covnet") else COLUMNS
     role = "baseline" if method == "threshold" else "learned"
@@ -52,12 +48,12 @@ def trained(
     return model, runs
 
 
-def bare(*models: tuple[Model, list[Run]], **more: Any) -> Comparison:
+def bare(*models, **more):
     """Return a comparison that knows nothing else."""
     return replace(Comparison(dict(models), {}, {}, {}, [], []), **more)
 
 
-def walk(name: str, room: str, snr_db: float, localizer: str = "gated") -> Any:
+def walk(name, room, snr_db, localizer="gated"):
     """Return a survey of four poses, two of them near a wall, by survey and localizer."""
     corners = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 8.0], [0.0, 8.0]])
     poses = np.array([[1.5, 4.0], [4.0, 4.0], [4.1, 4.0], [4.0, 1.2]])
@@ -67,7 +63,7 @@ def walk(name: str, room: str, snr_db: float, localizer: str = "gated") -> Any:
     return (name, localizer), LocalizedSurvey(labelled, poses, poses, closed(corners), {})
 
 
-def test_pick_and_pivot() -> None:
+def test_pick_and_pivot():
     names = (("a", "s", "t"), ("b", "s", "t"), ("b", "-", "t"), ("c", "s", "u"))
     rows = [row(*each, value) for value, each in enumerate(names)]
     assert pick(rows, classifier="b") == rows[1:3]
@@ -90,20 +86,20 @@ class TestChoice:
     RANKED = ("threshold_peak", "svm_features", "trees_features", "mlp_pair", "svm_pair")
     MADE_FOR: Any = {"roles": {"scattered": "training"}}
 
-    def test_the_best_learned_model_on_its_validation_rows_is_chosen(self) -> None:
+    def test_the_best_learned_model_on_its_validation_rows_is_chosen(self):
         comparison = bare(*self.MODELS, **self.MADE_FOR)
         ranked = choice.ranked(comparison, "scattered")
         assert tuple(model.classifier for model in ranked) == self.RANKED
         assert choice.chosen(comparison).classifier == "svm_features"
         assert choice.chosen_run(comparison).seed == 0
 
-    def test_equals_are_chosen_by_name_and_a_threshold_if_nothing_was_learned(self) -> None:
+    def test_equals_are_chosen_by_name_and_a_threshold_if_nothing_was_learned(self):
         assert choice.chosen(bare(*self.MODELS)).classifier == "svm_toa"
         ways = {"threshold_score": 0.7, "threshold_peak": 0.8}
         models = [trained(name, "a", share, method="threshold") for name, share in ways.items()]
         assert choice.chosen(bare(*models)).classifier == "threshold_peak"
 
-    def test_the_best_of_each_family_is_drawn_and_the_papers_pair(self) -> None:
+    def test_the_best_of_each_family_is_drawn_and_the_papers_pair(self):
         more = (
             trained("svm_score", "scattered", 0.75),
             trained("covnet", "scattered", 0.1, method="network"),
@@ -123,13 +119,13 @@ class TestChoice:
         ],
     )
     def test_a_set_made_for_training_is_the_headline_and_rather_one_that_is_tested(
-        self, tested: tuple[str, ...], headline: str
-    ) -> None:
+        self, tested, headline
+    ):
         names = ("paper", "b_made", "a_made")
         models = [trained("svm", name, 0.5) for name in names]
         models.append(trained("svm", "a_made", 0.5, split="row"))
         roles = {"paper": "grid", "a_made": "training", "b_made": "training"}
-        sets: Any = dict.fromkeys(tested)
+        sets = dict.fromkeys(tested)
         assert choice.headline(bare(*models, roles=roles, sets=sets)) == headline
 
 
@@ -144,7 +140,7 @@ class TestSurveys:
         )
     )
 
-    def test_snrs_and_the_main_localizer(self) -> None:
+    def test_snrs_and_the_main_localizer(self):
         one = bare(surveys=self.SURVEYS)
         assert tables.snrs(one) == ["10", "-5", "0"]
         assert tables.levels(one) == ["-5", "0"]
@@ -162,8 +158,8 @@ class TestSurveys:
         ],
     )
     def test_surveys_of_one_room_stand_together_if_their_snr_tells_them_apart(
-        self, noises: Any, snr_db: Any, places: Any
-    ) -> None:
+        self, noises, snr_db, places
+    ):
         surveys = []
         for name, noise, level in zip("ab", noises, snr_db, strict=True):
             _, survey = walk(name, "8x6x5", level)
@@ -172,7 +168,7 @@ class TestSurveys:
         rows = [row("chance", "-", name, 0.5) for name in "ab"]
         assert tuple(each["place"] for each in tables.placed(rows, surveys)) == places
 
-    def test_a_rooms_tables_have_metrics_and_the_test_against_the_threshold(self) -> None:
+    def test_a_rooms_tables_have_metrics_and_the_test_against_the_threshold(self):
         rows = []
         for survey in self.SURVEYS.values():
             here = survey.labelled.source._asdict() | {"snr_db": survey.snr_db}
@@ -189,9 +185,9 @@ class TestSurveys:
         assert list(lines) == [("keep_everything", "reference"), ("one", "learned")]
         assert set(lines["one", "learned"]) == {"f1", "test"}
 
-    def test_a_room_is_new_to_a_model_unless_its_set_was_made_there(self) -> None:
+    def test_a_room_is_new_to_a_model_unless_its_set_was_made_there(self):
         sizes = {"there": [[8.0, 8.0, 5.0], [9.0, 8.0, 5.0]], "elsewhere": [[8.0, 7.9, 5.0]]}
-        sets: Any = {name: {"room": np.array(size)} for name, size in sizes.items()}
+        sets = {name: {"room": np.array(size)} for name, size in sizes.items()}
         one = bare(surveys=self.SURVEYS, sets=sets)
         assert tables.unseen(one, "elsewhere")
         assert not tables.unseen(one, "there")
@@ -199,7 +195,7 @@ class TestSurveys:
 
 
 class TestSets:
-    def test_trained_on_times_tested_on(self) -> None:
+    def test_trained_on_times_tested_on(self):
         rows = [
             row("a", "paper", "paper", 0.9),
             row("a", "paper", "off", 0.5),
@@ -218,14 +214,14 @@ class TestSets:
             (("paper", "a"), {"paper": 0.9, "off": 0.5}),
         ]
 
-    def test_the_worst_of_the_sets_made_for_testing_counts(self) -> None:
+    def test_the_worst_of_the_sets_made_for_testing_counts(self):
         rows = [row("a", "set", "paper", 2), row("chance", "-", "x", 5, set_role="test")]
         for name, value in {"x": 8, "y": 7, "z": 9}.items():
             rows.append(row("a", "set", name, value, set_role="test"))
         found = tables.worst_test_set(rows)
         assert {name: cell["value"] for name, cell in found.items()} == {"a": 7, "chance": 5}
 
-    def test_a_leak_is_the_same_classifier_split_both_ways(self) -> None:
+    def test_a_leak_is_the_same_classifier_split_both_ways(self):
         clean = row("a", "planar", "planar", 0.8)
         leaky = row("a", "planar", "planar", 0.95, split="row")
         alone = row("b", "planar", "planar", 0.9, split="row")
@@ -233,7 +229,7 @@ class TestSets:
         found = tables.leak([clean, leaky, alone, elsewhere])
         assert found == {("a", "planar", "reflector"): {"row": leaky, "position": clean}}
 
-    def test_the_papers_protocol_is_a_mean_over_seeds(self) -> None:
+    def test_the_papers_protocol_is_a_mean_over_seeds(self):
         runs = []
         for auc, folds in ((0.7, {"balanced_accuracy": {"mean": 0.77}}), (0.9, None)):
             test = {"auc": auc, "balanced_accuracy": auc - 0.1, "accuracy": auc - 0.2}
@@ -243,7 +239,7 @@ class TestSets:
         figures = [line[key] for key in ("auc", "balanced_accuracy", "accuracy", "spread", "folds")]
         assert figures == pytest.approx([0.8, 0.7, 0.6, 0.1 * 2**0.5, 0.77])
 
-    def test_a_set_is_described_by_its_rows(self, world: World) -> None:
+    def test_a_set_is_described_by_its_rows(self, world):
         dataset = world.sets["scattered"]
         found = tables.describe_set("scattered", dataset)
         assert (found["rows"], found["positions"], found["digest"]) == (140, 140, dataset.digest)
@@ -254,7 +250,7 @@ class TestSets:
         assert np.dot(found["right"], sizes) == pytest.approx(dataset["reflector"].sum())
 
 
-def test_a_real_comparison_has_every_table(comparison: Comparison) -> None:
+def test_a_real_comparison_has_every_table(comparison):
     facts = tables.gather(comparison)
     assert facts["source"] == "scattered" and facts["best"] in ("svm_pair", "trees_features")
     assert facts["seeds"] == [0, 1] and facts["runs"] == 7

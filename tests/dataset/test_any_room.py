@@ -1,7 +1,6 @@
 """Sets and surveys of rooms that are no boxes: where positions lie, what is true, what is heard."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from echolearn.dataset.records import records
 from echolearn.localization.methods.joint import Joint
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.rir.images import Images
-from echolearn.simulation.scene import Scene
 from echolearn.simulation.survey import survey
 from echolearn.survey.reader import read_survey
 from refusals import refused
@@ -33,13 +31,13 @@ WINDOW = SearchWindow()
 
 
 @pytest.fixture(scope="module")
-def plan(brief: Scene) -> GridPlan:
+def plan(brief):
     """Return a grid in an L of 6 m height, loud."""
     scene = replace(brief, rir=Images())
     return GridPlan("l", 0, ROOM, 0.9, 1.2, WINDOW, scene, Joint(WINDOW), 3.0, None, (30.0,), 5)
 
 
-def test_positions_are_those_of_the_grid_off_walls_and_pillars(plan: GridPlan) -> None:
+def test_positions_are_those_of_the_grid_off_walls_and_pillars(plan):
     x, y, z = plan.positions.T
     assert np.allclose(x, 0.2 + 0.9 * np.round((x - 0.2) / 0.9)) and (z == 3.0).all()
     away = distance_to_outline(plan.positions[:, :2], ROOM.faces[0])
@@ -52,7 +50,7 @@ def test_positions_are_those_of_the_grid_off_walls_and_pillars(plan: GridPlan) -
         replace(plan, margin=5.0)
 
 
-def test_echoes_that_are_found_are_true_ones(plan: GridPlan) -> None:
+def test_echoes_that_are_found_are_true_ones(plan):
     """Of pillars, too, and none of a door; the truth has a column for every wall that may be."""
     table = records(plan, range(len(plan)))
     assert table["truth_toa"].shape == (len(plan), len(outline(ROOM)) + 2)
@@ -69,12 +67,12 @@ def test_echoes_that_are_found_are_true_ones(plan: GridPlan) -> None:
     assert table["room"].tolist() == [[9.0, 8.0, 6.0]] * len(plan)
 
 
-def test_a_survey_of_it_reads_back_with_pillars_and_doors(plan: GridPlan, tmp_path: Path) -> None:
+def test_a_survey_of_it_reads_back_with_pillars_and_doors(plan, tmp_path):
     folder = survey(
         name="l", room=ROOM, scene=plan.scene, levels=NoiseLevels(20.0), poses=3, runs=tmp_path
     )
     read = read_survey(folder)
-    assert read.walls is not None and np.array_equal(read.walls, outline(ROOM))
+    assert np.array_equal(read.walls, outline(ROOM))
     assert read.conditions["room"] == ROOM.dimensions
     places = np.array([pose.position for pose in read.poses])
     assert distance_to_outline(places[:, :2], ROOM.faces[0]).min() > 1.0

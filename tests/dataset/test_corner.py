@@ -1,7 +1,6 @@
 """Sets of several echoes: in a corner two walls answer, and both come onto the map."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,16 +9,15 @@ from echolearn.acoustics.bistatic import wall_points
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.rooms import outline
 from echolearn.acoustics.sides import distance_to_outline
-from echolearn.acoustics.types import Array, Room
+from echolearn.acoustics.types import Room
 from echolearn.dataset.generate import generate
 from echolearn.dataset.labelled_set import Dataset
-from echolearn.dataset.plans import GridPlan, Plan
+from echolearn.dataset.plans import GridPlan
 from echolearn.dataset.records import records
 from echolearn.evaluation.matching import match_echoes
 from echolearn.localization.methods.em import Em
 from echolearn.localization.methods.joint import Joint
 from echolearn.runtime.engines.serial import Serial
-from echolearn.simulation.scene import Scene
 
 WINDOW = SearchWindow()
 TALL = Room((6.0, 5.0, 6.0), 0.3)
@@ -27,14 +25,14 @@ TALL = Room((6.0, 5.0, 6.0), 0.3)
 
 
 @pytest.fixture(scope="module")
-def corner(brief: Scene) -> GridPlan:
+def corner(brief):
     """Return the four corners of a room, 1.2 m from both walls, loud and quiet."""
     two = Joint(WINDOW, echoes=2)
     return GridPlan("corner", 0, TALL, 2.6, 1.2, WINDOW, brief, two, 3.0, None, (30.0, -5.0), 5)
 
 
 @pytest.mark.parametrize("localizer", [Joint(WINDOW, echoes=2), Em(WINDOW, echoes=2)])
-def test_a_corner_gives_two_map_points(corner: GridPlan, localizer: Joint | Em) -> None:
+def test_a_corner_gives_two_map_points(corner, localizer):
     table = records(replace(corner, localizer=localizer), range(len(corner)))
     loud = table[table["snr_db"] == 30.0]
     assert loud["reflector"].all() and loud["on_map"].all()
@@ -46,7 +44,7 @@ def test_a_corner_gives_two_map_points(corner: GridPlan, localizer: Joint | Em) 
         assert sorted(walls) == [0, 1]  # one on a wall across x, one across y
 
 
-def map_points(table: Array, plan: Plan) -> Array:
+def map_points(table, plan):
     return wall_points(
         table["toa"],
         table["azimuth"],
@@ -57,7 +55,7 @@ def map_points(table: Array, plan: Plan) -> Array:
     )
 
 
-def test_records_go_echo_by_echo_and_no_wall_counts_twice(corner: GridPlan) -> None:
+def test_records_go_echo_by_echo_and_no_wall_counts_twice(corner):
     table = records(corner, range(len(corner)))
     assert np.array_equal(table["group"], np.repeat(np.arange(len(corner)) // 2, 2))
     assert (table["gain"][::2] >= table["gain"][1::2]).all()
@@ -73,7 +71,7 @@ def test_records_go_echo_by_echo_and_no_wall_counts_twice(corner: GridPlan) -> N
     assert np.array_equal(table["on_map"], near)
 
 
-def test_a_wall_that_is_found_twice_is_one_reflector(corner: GridPlan) -> None:
+def test_a_wall_that_is_found_twice_is_one_reflector(corner):
     """With more echoes than walls in reach, what is left over cannot be a reflector for a wall that
     has its echo."""
     table = records(replace(corner, localizer=Joint(WINDOW, echoes=4)), range(2)).reshape(2, 4)
@@ -82,7 +80,7 @@ def test_a_wall_that_is_found_twice_is_one_reflector(corner: GridPlan) -> None:
         assert len(found) == len(set(found))
 
 
-def test_a_set_of_two_echoes_has_all_of_them(corner: GridPlan, tmp_path: Path) -> None:
+def test_a_set_of_two_echoes_has_all_of_them(corner, tmp_path):
     found = Dataset(generate(corner, runs=tmp_path, engine=Serial()))
     assert len(found) == 2 * len(corner) == len(found["toa"])
     assert np.array_equal(found["echo"], np.tile([0, 1], len(corner)))

@@ -319,7 +319,7 @@ def test_a_finished_set_is_left_alone(copy, make):
 def test_damaged_shards_are_refused_by_name_and_mended(finished, copy, make):
     """A bit flipped, the end cut off, or nothing at all; with the command that was given."""
 
-    def damage(shard: int, change) -> str:
+    def damage(shard, change):
         path = copy / SHARDS[shard]
         whole = path.read_bytes()
         path.unlink()

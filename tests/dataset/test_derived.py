@@ -2,8 +2,6 @@
 wall says."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +9,8 @@ import pytest
 from echolearn.acoustics.geometry import SearchWindow, circular_array
 from echolearn.acoustics.rooms import true_echoes
 from echolearn.acoustics.signals import noise_probe
-from echolearn.acoustics.types import Array, MicArray, Pose, Room
-from echolearn.dataset.labelled_set import Dataset
-from echolearn.dataset.plans import GridPlan, Plan, ScatteredPlan
+from echolearn.acoustics.types import MicArray, Pose, Room
+from echolearn.dataset.plans import GridPlan, ScatteredPlan
 from echolearn.localization.methods.gated import Gated
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.rir.images import Images
@@ -22,13 +19,13 @@ from echolearn.training.split import LearningProblem
 from world import write_set
 
 WINDOW = SearchWindow()
-SHARED: dict[str, Any] = {
+SHARED = {
     "window": WINDOW,
     "scene": Scene(circular_array(), noise_probe(length=5000), Images(), White()),
     "localizer": Gated(WINDOW, 36),
 }
 LOW = Room((5.0, 4.0, 2.6), 0.25, (1.0, 1.0, 1.0, 1.0, 0.0, 1.0))
-PLANS: dict[str, Plan] = {
+PLANS = {
     "scattered": ScatteredPlan(
         "scattered", 2, 40, (4.0, 4.0, 2.6), (6.0, 5.0, 3.5), (0.2, 0.3), 1.0, **SHARED
     ),
@@ -46,7 +43,7 @@ PLANS: dict[str, Plan] = {
 }
 
 
-def angle(first: Array, second: Array) -> float:
+def angle(first, second):
     """Return the angle between two directions, each azimuth and elevation, in rad."""
     a, b = (
         np.array([np.sin(e) * np.cos(p), np.sin(e) * np.sin(p), np.cos(e)])
@@ -55,7 +52,7 @@ def angle(first: Array, second: Array) -> float:
     return float(np.arccos(np.clip(a @ b, -1, 1)))
 
 
-def looked_at(dataset: Dataset, row: int, plan: Plan) -> bool:
+def looked_at(dataset, row, plan):
     """Tell whether an echo is true, wall by wall."""
     size = tuple(dataset["room"][row])
     walls = plan.room.walls if isinstance(plan, GridPlan) else (1.0,) * 6
@@ -76,7 +73,7 @@ def looked_at(dataset: Dataset, row: int, plan: Plan) -> bool:
 
 
 @pytest.mark.parametrize("name", PLANS)
-def test_the_label_is_what_a_look_at_each_wall_says(name: str, tmp_path: Path) -> None:
+def test_the_label_is_what_a_look_at_each_wall_says(name, tmp_path):
     plan = PLANS[name]
     dataset = write_set(plan, tmp_path)
     label = dataset["time_and_direction"]
@@ -88,7 +85,7 @@ def test_the_label_is_what_a_look_at_each_wall_says(name: str, tmp_path: Path) -
     assert np.array_equal(problem.labels(), label)
 
 
-def test_an_array_beside_its_loudspeaker_holds_the_label_itself(tmp_path: Path) -> None:
+def test_an_array_beside_its_loudspeaker_holds_the_label_itself(tmp_path):
     """Its directions are seen from its own middle, of which the records say nothing."""
     beside = MicArray(circular_array().positions + np.array([0.3, 0.0, 0.0]))
     plan = replace(PLANS["scattered"], scene=replace(SHARED["scene"], array=beside), rows=12)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ CONFIGS = sorted((Path(__file__).parents[2] / "conf" / "plan").glob("*.yaml"))
 
 def configured(path, scene):
     """Build the plan that a YAML file writes down, with this scene."""
-    content: dict[str, Any] = yaml.safe_load(path.read_text())
+    content = yaml.safe_load(path.read_text())
     kind = GridPlan if content.pop("_target_").endswith("GridPlan") else ScatteredPlan
     content.pop("defaults", None)
     # Both are chosen by another group, which is clean by default.

@@ -14,20 +14,20 @@ RATE = 1000.0
 FLAT = np.pi / 2
 
 
-def truth(*echoes: tuple[float, float, float]) -> Truth:
+def truth(*echoes):
     """Return true echoes by time in samples, azimuth and elevation in degrees."""
     toa, azimuth, elevation = np.reshape(echoes, (-1, 3)).T
     return Truth(toa / RATE, np.deg2rad(azimuth), np.deg2rad(elevation))
 
 
-def found(rows: list[list[tuple[float, float, float]]]) -> Echoes:
+def found(rows):
     """Return echoes of P poses, likewise."""
     toa, azimuth, elevation = np.moveaxis(np.array(rows, dtype=float), -1, 0)
     rest = np.zeros((3, *toa.shape))
     return Echoes(toa / RATE, rest[0], rest[1], np.deg2rad(azimuth), np.deg2rad(elevation), rest[2])
 
 
-def test_labels_by_hand() -> None:
+def test_labels_by_hand():
     every = truth((100, 0, 90), (130, 175, 90))
     echoes = found(
         [
@@ -38,7 +38,6 @@ def test_labels_by_hand() -> None:
         ]
     )
     labels = label_echoes([every] * 4, echoes, sample_rate=RATE)
-    assert labels.strict is not None and labels.by_time is not None
     assert labels.by_time.tolist() == [True, True, True, True, False, False, True, False]
     assert labels.strict.tolist() == [True, True, False, False, False, False, True, False]
     scores = echo_scores(labels, np.array([1, 1, 1, 0, 0, 0, 0, 1], dtype=bool))
@@ -49,7 +48,7 @@ def test_labels_by_hand() -> None:
     assert scores["time_true_retention"] == pytest.approx(3 / 5)
 
 
-def test_near_the_axis_the_angle_between_directions_counts() -> None:
+def test_near_the_axis_the_angle_between_directions_counts():
     above = truth((100, 0, 2))
     near = agree(above, np.deg2rad([90.0, 90.0]), np.deg2rad([7.0, 15.0]))
     assert near[:, 0].tolist() == [True, False]
@@ -58,10 +57,10 @@ def test_near_the_axis_the_angle_between_directions_counts() -> None:
     assert agree(aside, np.deg2rad([9.0]), np.deg2rad([90.0])).tolist() == [[True]]
 
 
-def test_what_is_not_known_has_no_label() -> None:
+def test_what_is_not_known_has_no_label():
     blind = Truth(np.array([0.1]), np.array([np.nan]), np.array([np.nan]))
     labels = label_echoes([blind], found([[(100, 0, 90)]]), sample_rate=RATE)
-    assert labels.strict is None and labels.by_time is not None and labels.by_time.all()
+    assert labels.strict is None and labels.by_time.all()
     assert set(echo_scores(labels, np.ones(1, dtype=bool))) == {
         "time_precision",
         "time_true_retention",
@@ -69,7 +68,7 @@ def test_what_is_not_known_has_no_label() -> None:
     }
     none = Truth(*np.zeros((3, 0)))
     labels = label_echoes([none], found([[(100, 0, 90)]]), sample_rate=RATE)
-    assert labels.strict is not None and not labels.strict.any()
+    assert not labels.strict.any()
 
 
 rows = st.lists(
@@ -78,9 +77,7 @@ rows = st.lists(
 
 
 @given(rows, st.sampled_from([0.5, 0.75, 0.9, 1.0]), st.integers(0, 99))
-def test_recall_at_a_precision_is_the_best_of_all_cuts(
-    rows: list[tuple[bool, float]], precision: float, seed: int
-) -> None:
+def test_recall_at_a_precision_is_the_best_of_all_cuts(rows, precision, seed):
     reference, confidence = (np.array(column) for column in zip(*rows, strict=True))
     counts = np.random.default_rng(seed).integers(0, 3, len(rows))
     best = []
@@ -100,6 +97,6 @@ def test_recall_at_a_precision_is_the_best_of_all_cuts(
     assert weighted[0] == pytest.approx(best[1], nan_ok=True)
 
 
-def test_nine_of_ten_are_ninety_percent() -> None:
+def test_nine_of_ten_are_ninety_percent():
     reference = np.array([True] * 9 + [False])
     assert recall_at(reference, np.ones(10), precision=0.9) == 1.0

@@ -9,7 +9,7 @@ import yaml
 
 from echolearn.acoustics import arrays, bistatic, signals
 from echolearn.acoustics.geometry import SearchWindow, circular_array, direction
-from echolearn.acoustics.types import Array, Echoes, MicArray, Observation
+from echolearn.acoustics.types import MicArray, Observation
 from echolearn.localization.columns import COLUMNS
 from echolearn.localization.localize import localize
 from reference import padded, shift
@@ -26,23 +26,23 @@ SCENES = sorted({path.stem for path in (CONF / "scene").glob("*.yaml")} - {BLANK
 LEVEL = np.pi / 2
 
 
-def called(content: dict, **changed):
+def called(content, **changed):
     """Call what a configuration names, with its other keys."""
     arguments = {key: value for key, value in content.items() if key != "_target_"}
     module, _, name = content["_target_"].rpartition(".")
     return getattr(import_module(module), name)(**arguments | changed)
 
 
-def localizer(name: str, **changed):
+def localizer(name, **changed):
     content = yaml.safe_load((CONF / "localizer" / f"{name}.yaml").read_text())
     return called(content, **{"window": SearchWindow()} | changed)
 
 
-def array_of(scene: str) -> MicArray:
+def array_of(scene):
     return called(yaml.safe_load((CONF / "scene" / f"{scene}.yaml").read_text())["array"])
 
 
-def recorded(array: MicArray, normals: Array, distance: float) -> Observation:
+def recorded(array, normals, distance):
     """Return exact echoes of single walls, spherical waves of their mirror sources, in noise."""
     rng = np.random.default_rng(0)
     burst = padded(PROBE.samples, PROBE.length)
@@ -54,7 +54,7 @@ def recorded(array: MicArray, normals: Array, distance: float) -> Observation:
     return Observation(np.array(samples) + noise, PROBE, array)
 
 
-def missed(echoes: Echoes, array: MicArray, normals: Array, distance: float) -> Array:
+def missed(echoes, array, normals, distance):
     """Return by how much directions are missed, but for what the array cannot tell, in degrees."""
     found = direction(echoes.azimuth[:, 0], echoes.elevation[:, 0])
     truth = bistatic.echo_direction(np.full(len(normals), distance), normals, array=array)
@@ -64,7 +64,7 @@ def missed(echoes: Echoes, array: MicArray, normals: Array, distance: float) -> 
 
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("name", NAMES)
-def test_every_localizer_finds_time_and_direction_with_every_array(name: str, scene: str) -> None:
+def test_every_localizer_finds_time_and_direction_with_every_array(name, scene):
     array = array_of(scene)
     normals = direction(np.array([-3.0, -1.2, 0.4, 1.9]), LEVEL)
     echoes = localizer(name)(recorded(array, normals, 1.4))
@@ -74,7 +74,7 @@ def test_every_localizer_finds_time_and_direction_with_every_array(name: str, sc
 
 
 @pytest.mark.parametrize("microphones", [2, 3, 5, 12])
-def test_so_it_does_with_microphones_anywhere(microphones: int) -> None:
+def test_so_it_does_with_microphones_anywhere(microphones):
     """And the map point is the wall's, where the array can tell the side."""
     rng = np.random.default_rng(microphones)
     middle = rng.uniform(-0.4, 0.4, 3)
@@ -96,7 +96,7 @@ def test_so_it_does_with_microphones_anywhere(microphones: int) -> None:
 
 
 @pytest.mark.parametrize("scene", ["respeaker", "octahedron"])
-def test_a_small_array_is_climbed_from_the_cell_beside(scene: str) -> None:
+def test_a_small_array_is_climbed_from_the_cell_beside(scene):
     """Between two samples the best of the grid is several cells off: 8 degrees with these."""
     array = array_of(scene)
     normals = direction(np.linspace(-3.0, 3.0, 24), LEVEL)
@@ -104,7 +104,7 @@ def test_a_small_array_is_climbed_from_the_cell_beside(scene: str) -> None:
     assert missed(echoes, array, normals, 1.4).max() < 0.5
 
 
-def test_an_array_that_tells_up_from_down_finds_floor_and_ceiling() -> None:
+def test_an_array_that_tells_up_from_down_finds_floor_and_ceiling():
     array = array_of("octahedron")
     normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     for name in ("gated", "joint", "em"):
@@ -114,7 +114,7 @@ def test_an_array_that_tells_up_from_down_finds_floor_and_ceiling() -> None:
     assert np.array_equal(ring.elevation, np.zeros((2, 1)))
 
 
-def test_an_array_above_its_loudspeaker_places_walls_where_they_are() -> None:
+def test_an_array_above_its_loudspeaker_places_walls_where_they_are():
     """0.3 m higher it sees the mirror source 7 degrees below it; level, points were 1 cm off."""
     array = MicArray(circular_array(radius=0.1).positions + [0.0, 0.0, 0.3])
     normals = direction(np.array([-2.0, 0.3, 1.0]), LEVEL)
@@ -126,7 +126,7 @@ def test_an_array_above_its_loudspeaker_places_walls_where_they_are() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_microphones_one_above_another_hear_no_azimuth(name: str) -> None:
+def test_microphones_one_above_another_hear_no_azimuth(name):
     mast = MicArray(np.array([[0.1, 0.0, height] for height in (0.0, 0.1, 0.2)]))
     silence = Observation(np.ones((1, 3, 6000)), PROBE, mast)
     with refused("array.positions=an upright line: cannot tell azimuths: must not stand one above"):
@@ -134,7 +134,7 @@ def test_microphones_one_above_another_hear_no_azimuth(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["gated", "joint", "em"])
-def test_under_a_low_ceiling_the_strongest_echo_of_a_wall_is_sought(name: str) -> None:
+def test_under_a_low_ceiling_the_strongest_echo_of_a_wall_is_sought(name):
     """Floor and ceiling 1.1 m away and louder; where they are not, it is the strongest of all."""
     array = circular_array()
     wall = direction(0.7, LEVEL)
@@ -159,12 +159,12 @@ def test_under_a_low_ceiling_the_strongest_echo_of_a_wall_is_sought(name: str) -
 
 
 @pytest.mark.parametrize("name", sorted({*NAMES} - {"gated", "joint", "em", "mclam"}))
-def test_what_takes_directions_from_the_whole_recording_cannot_tell_the_ceiling(name: str) -> None:
+def test_what_takes_directions_from_the_whole_recording_cannot_tell_the_ceiling(name):
     with refused("localizer.echoes=auto: must be a whole number; gated, joint and em tell floor"):
         localizer(name, echoes="auto")
 
 
-def anywhere(count: int) -> Array:
+def anywhere(count):
     """Return directions of the whole sphere, at least 10 degrees off the level plane."""
     rng = np.random.default_rng(1)
     height = rng.uniform(np.sin(np.radians(10.0)), 1.0, count) * rng.choice([-1.0, 1.0], count)
@@ -172,7 +172,7 @@ def anywhere(count: int) -> Array:
 
 
 @pytest.mark.parametrize("scene", ["octahedron", "tetrahedron", "ring"])
-def test_elevations_are_found_as_far_as_the_array_tells_them(scene: str) -> None:
+def test_elevations_are_found_as_far_as_the_array_tells_them(scene):
     """Within 5 degrees on the whole sphere, of a ring but for the sign, and never below it."""
     array = array_of(scene)
     normals = anywhere(5)
@@ -186,6 +186,6 @@ def test_elevations_are_found_as_far_as_the_array_tells_them(scene: str) -> None
     assert (found.elevation > LEVEL + 1e-9).any() == arrays.tells_up(array)
 
 
-def test_too_fine_a_grid_of_elevations_is_refused() -> None:
+def test_too_fine_a_grid_of_elevations_is_refused():
     with refused("localizer.azimuths=180: azimuths * elevations must be at most 7200"):
         localizer("joint", elevations=41)

@@ -1,6 +1,5 @@
 """Estimators in simulated rooms: figures of the paper and of planning, corners, rotors."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from echolearn.acoustics.bistatic import wall_points
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.rooms import true_echoes
-from echolearn.acoustics.types import Echoes, MicArray, Observation, Pose, Room
+from echolearn.acoustics.types import Echoes, MicArray, Pose, Room
 from echolearn.evaluation.matching import match_echoes
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.em import Em
@@ -18,8 +17,6 @@ from echolearn.localization.methods.joint import Joint
 from echolearn.localization.methods.peaks import Peaks
 from reference import RATE, RING
 
-Place = tuple[Room, Pose]
-Record = Callable[..., Observation]
 AUTHORS = SearchWindow(rule="authors")
 
 

@@ -14,7 +14,6 @@ from reference import RATE, observed, wave, white
 
 PROBE = noise_probe(length=3000)
 WINDOW = SearchWindow()
-Wave = tuple[float, float, float]
 PAIRS = {
     "far from each other": ((0.4, 150.3, 0.1), (2.5, 220.7, 0.06)),
     "a corner": ((0.4, 180.0, 0.1), (0.4 + np.pi / 2, 180.4, 0.08)),

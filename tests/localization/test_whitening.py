@@ -1,6 +1,5 @@
 """Pre-whitening: densities in their units, lags that stay, weights, echoes under rotors."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,6 @@ from scipy.signal import butter, sosfilt
 
 from echolearn.acoustics import signals
 from echolearn.acoustics.rooms import true_echoes
-from echolearn.acoustics.types import Observation, Pose, Room
 from echolearn.localization import silence, whitening
 from echolearn.localization.methods.em import Em
 from echolearn.localization.methods.gated import Gated
@@ -20,8 +18,6 @@ from echolearn.localization.methods.snls import Snls
 from reference import RATE, observed, turn
 from refusals import refused
 
-Record = Callable[..., Observation]
-Place = tuple[Room, Pose]
 PROBE = signals.noise_probe(burst=400, length=3000)
 
 

@@ -6,7 +6,7 @@ import pytest
 from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.rooms import outline, true_echoes
 from echolearn.acoustics.sides import distance_to_outline
-from echolearn.acoustics.types import Array, Echoes, Pose, Room
+from echolearn.acoustics.types import Echoes, Pose, Room
 from echolearn.checks import BadValue
 from echolearn.mapping.echo_map import echo_map
 from echolearn.simulation.walk import trajectory
@@ -16,7 +16,7 @@ ROOM = Room((8.0, 6.0, 5.0), 0.6)
 
 
 @pytest.mark.parametrize("wall", range(4))
-def test_true_echoes_land_on_their_wall(wall: int) -> None:
+def test_true_echoes_land_on_their_wall(wall):
     poses = trajectory(ROOM)
     truths = [true_echoes(ROOM, pose, array=ARRAY) for pose in poses]
     toa, azimuth, elevation = np.array(
@@ -30,13 +30,13 @@ def test_true_echoes_land_on_their_wall(wall: int) -> None:
     assert found.kept.all() and (found.confidence == 1).all()
 
 
-def some_echoes(*shape: int) -> Echoes:
+def some_echoes(*shape):
     fields = np.random.default_rng(0).uniform(0.5, 1.5, size=(6, *shape))
     fields[0] /= 100
     return Echoes(*fields)
 
 
-def test_a_turned_and_shifted_robot_turns_and_shifts_its_map() -> None:
+def test_a_turned_and_shifted_robot_turns_and_shifts_its_map():
     angle, shift = 1.1, np.array([2.0, -1.0, 0.5])
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
@@ -44,14 +44,14 @@ def test_a_turned_and_shifted_robot_turns_and_shifts_its_map() -> None:
     moved = [Pose(turn @ pose.position + shift, pose.heading + angle) for pose in poses]
     here, there = (echo_map(some_echoes(20), at, array=ARRAY) for at in (poses, moved))
 
-    def follows(before: Array, after: Array) -> None:
+    def follows(before, after):
         np.testing.assert_allclose(after, before @ turn[:2, :2].T + shift[:2], atol=1e-12)
 
     follows(here.points, there.points)
     follows(here.poses, there.poses)
 
 
-def test_several_echoes_of_a_pose_stay_with_it() -> None:
+def test_several_echoes_of_a_pose_stay_with_it():
     echoes = some_echoes(4, 3)
     poses = [Pose(np.array([i, 2.0 * i, 1.0]), 0.1 * i) for i in range(4)]
     confidence = np.linspace(0, 1, 12).reshape(4, 3)
@@ -63,7 +63,7 @@ def test_several_echoes_of_a_pose_stay_with_it() -> None:
     np.testing.assert_allclose(found.points[1::3], echo_map(second, poses, array=ARRAY).points)
 
 
-def test_no_pose_gives_an_empty_map() -> None:
+def test_no_pose_gives_an_empty_map():
     found = echo_map(some_echoes(0), [], array=ARRAY)
     assert found.points.shape == found.poses.shape == (0, 2)
     assert found.kept.shape == (0,)
@@ -78,8 +78,6 @@ def test_no_pose_gives_an_empty_map() -> None:
         (2, [0.5], "^confidence=1 values: must have one value for each of 2 echoes"),
     ],
 )
-def test_columns_that_do_not_belong_together_are_refused(
-    poses: int, confidence: list[float] | None, message: str
-) -> None:
+def test_columns_that_do_not_belong_together_are_refused(poses, confidence, message):
     with pytest.raises(BadValue, match=message):
         echo_map(some_echoes(2), [Pose(np.zeros(3))] * poses, array=ARRAY, confidence=confidence)

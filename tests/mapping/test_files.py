@@ -3,12 +3,10 @@
 import csv
 import time
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
 from io import BytesIO, StringIO
 from pkgutil import iter_modules
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +14,11 @@ import yaml
 from PIL import Image
 
 from echolearn.acoustics.sides import closed, distance_to_outline
-from echolearn.acoustics.types import Array, EchoMap, Pose
+from echolearn.acoustics.types import EchoMap, Pose
 from echolearn.checks import BadValue
 from echolearn.mapping import files
 from echolearn.mapping.files import grid, ply, svg, table
-from echolearn.mapping.mapped_walk import BAG, MappedWalk
+from echolearn.mapping.mapped_walk import BAG
 from mapped_walks import CONFIDENCE, CORNERS, POINTS, SEEN_FROM, angled, lopsided, nav2
 
 WRITERS = [
@@ -29,11 +27,11 @@ WRITERS = [
 
 
 @pytest.fixture
-def walk() -> MappedWalk:
+def walk():
     return lopsided()
 
 
-def emptied(walk: MappedWalk) -> MappedWalk:
+def emptied(walk):
     """Return a walk of whose echoes none is kept."""
     return replace(walk, map=EchoMap(POINTS, CONFIDENCE, np.zeros(6, dtype=bool), SEEN_FROM))
 
@@ -43,9 +41,7 @@ def emptied(walk: MappedWalk) -> MappedWalk:
 
 @pytest.mark.parametrize("writer", WRITERS, ids=lambda writer: writer.__name__.rpartition(".")[2])
 @pytest.mark.parametrize("made", [lopsided, angled, lambda: emptied(lopsided())])
-def test_a_writer_gives_the_same_bytes_at_any_time(
-    writer: Any, made: Callable[[], MappedWalk], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_writer_gives_the_same_bytes_at_any_time(writer, made, monkeypatch):
     written = writer.write(made())
     assert written and all(isinstance(content, bytes) and content for content in written.values())
     for clock in ("time", "time_ns"):
@@ -53,7 +49,7 @@ def test_a_writer_gives_the_same_bytes_at_any_time(
     assert writer.write(made()) == written
 
 
-def test_no_two_writers_write_one_file() -> None:
+def test_no_two_writers_write_one_file():
     names = [name for writer in WRITERS for name in writer.write(lopsided())]
     known = {"map.csv", "walls.csv", "map.ply", "map.pgm", "map.yaml", "map.svg", *BAG}
     assert sorted(names) == sorted(known)
@@ -62,11 +58,11 @@ def test_no_two_writers_write_one_file() -> None:
 # ---------------------------------------------------------------- tables
 
 
-def rows(content: bytes) -> list[dict[str, str]]:
+def rows(content):
     return list(csv.DictReader(StringIO(content.decode())))
 
 
-def test_the_table_holds_every_echo_to_the_last_digit(walk: MappedWalk) -> None:
+def test_the_table_holds_every_echo_to_the_last_digit(walk):
     written = table.write(walk)
     found = rows(written["map.csv"])
     header = "index,x_m,y_m,toa_s,azimuth_rad,elevation_rad,power,score,confidence,kept"
@@ -84,7 +80,7 @@ def test_the_table_holds_every_echo_to_the_last_digit(walk: MappedWalk) -> None:
     assert table.write(emptied(walk))["walls.csv"].count(b"\n") == 1
 
 
-def test_the_table_calls_poses_what_the_survey_does(walk: MappedWalk) -> None:
+def test_the_table_calls_poses_what_the_survey_does(walk):
     named = replace(walk, numbers=(40, 10**19 - 1, 2**60 + 1))
     found = [int(row["index"]) for row in rows(table.write(named)["map.csv"])]
     assert found == [40, 40, 10**19 - 1, 10**19 - 1, 2**60 + 1, 2**60 + 1]
@@ -92,7 +88,7 @@ def test_the_table_calls_poses_what_the_survey_does(walk: MappedWalk) -> None:
         assert writer is table or writer.write(named) == writer.write(walk)
 
 
-def test_a_wall_has_its_row() -> None:
+def test_a_wall_has_its_row():
     walk = angled()
     first, *others = rows(table.write(walk)["walls.csv"])
     line = walk.lines[0]
@@ -105,13 +101,13 @@ def test_a_wall_has_its_row() -> None:
 # ---------------------------------------------------------------- grids
 
 
-def test_the_grid_is_where_it_says_in_an_independent_reader(walk: MappedWalk) -> None:
+def test_the_grid_is_where_it_says_in_an_independent_reader(walk):
     written = grid.write(walk)
     about = yaml.safe_load(written["map.yaml"])
     image = np.asarray(Image.open(BytesIO(written["map.pgm"])))
     assert about["image"] == "map.pgm" and about["negate"] == 0 and len(about["origin"]) == 3
 
-    def look(x: float, y: float) -> int:
+    def look(x, y):
         """Return the pixel of a place as map_server finds it: the origin at the bottom left."""
         column = int((x - about["origin"][0]) // about["resolution"])
         row = int((y - about["origin"][1]) // about["resolution"])
@@ -128,15 +124,15 @@ def test_the_grid_is_where_it_says_in_an_independent_reader(walk: MappedWalk) ->
     assert (empty == 205).all()
 
 
-def test_odds_add_up_as_the_header_says(walk: MappedWalk) -> None:
+def test_odds_add_up_as_the_header_says(walk):
     odds, touched, origin = grid.occupancy(walk)
 
-    def at(x: float, y: float) -> float:
+    def at(x, y):
         row, column = np.floor((np.array([y, x]) - origin[::-1]) / 0.05).astype(int)
         assert touched[row, column]
         return float(odds[row, column])
 
-    def logit(p: float) -> float:
+    def logit(p):
         return float(np.log(p / (1 - p)))
 
     assert at(3.02, -1.98) == pytest.approx(logit(0.9 * 0.9 + 0.05))
@@ -145,24 +141,24 @@ def test_odds_add_up_as_the_header_says(walk: MappedWalk) -> None:
     assert at(4.52, 1.03) == pytest.approx(logit(0.8 * 0.1 + 0.1) + logit(0.7 * 0.1 + 0.15))
 
 
-def test_rejected_echoes_and_ceilings_leave_the_grid_and_the_cloud_alone(walk: MappedWalk) -> None:
+def test_rejected_echoes_and_ceilings_leave_the_grid_and_the_cloud_alone(walk):
     """The rejected point at (9, 9) does not even widen the grid."""
     assert walk.shown.tolist() == [True] * 4 + [False] * 2
     assert grid.occupancy(walk)[1].shape[1] * 0.05 < 4
 
 
-def test_a_grid_beyond_reason_is_refused(walk: MappedWalk) -> None:
+def test_a_grid_beyond_reason_is_refused(walk):
     poses = [Pose(pose.position * [1, 1e5, 1]) for pose in walk.poses]
     with pytest.raises(BadValue, match="resolution=0.05 m: must leave at most 16000000 cells; ch"):
         grid.write(replace(walk, poses=poses))
 
 
-def test_nav2_finds_walls_and_walk_of_an_l_where_they_are_and_nowhere_else() -> None:
+def test_nav2_finds_walls_and_walk_of_an_l_where_they_are_and_nowhere_else():
     walk = angled()
     cells, (x, y, resolution) = nav2(grid.write(walk))
     assert {*cells.flat} == {-1, 0, 100}
 
-    def holds(read: Array) -> bool:
+    def holds(read):
         """Tell whether a reading has every wall point occupied and every pose free."""
         for places, value in ((walk.map.points, 100), (walk.path[:, :2], 0)):
             columns, rows = ((places - [x, y]) // resolution).astype(int).T
@@ -185,7 +181,7 @@ def test_nav2_finds_walls_and_walk_of_an_l_where_they_are_and_nowhere_else() -> 
 # ---------------------------------------------------------------- clouds and drawings
 
 
-def read_ply(data: bytes) -> Array:
+def read_ply(data):
     """Return the vertices of a cloud, by what its header says about the bytes after it."""
     header, _, body = data.partition(b"end_header\n")
     magic, form, *rest = [line.split() for line in header.decode("ascii").splitlines()]
@@ -199,7 +195,7 @@ def read_ply(data: bytes) -> Array:
 
 
 @pytest.mark.parametrize("made", [lopsided, angled])
-def test_the_cloud_holds_the_shown_points(made: Callable[[], MappedWalk]) -> None:
+def test_the_cloud_holds_the_shown_points(made):
     walk = made()
     vertices = read_ply(ply.write(walk)["map.ply"])
     points = np.column_stack([walk.map.points, walk.path[walk.index, 2], walk.map.confidence])
@@ -208,16 +204,16 @@ def test_the_cloud_holds_the_shown_points(made: Callable[[], MappedWalk]) -> Non
         assert np.array_equal(vertices[name], values.astype(np.float32))
 
 
-def shapes(walk: MappedWalk) -> list[ElementTree.Element]:
+def shapes(walk):
     return list(ElementTree.fromstring(svg.write(walk)["map.svg"]))
 
 
-def test_walls_are_drawn_above_points() -> None:
+def test_walls_are_drawn_above_points():
     kinds = [shape.get("class") for shape in shapes(angled())]
     assert kinds.index("wall") > max(k for k, kind in enumerate(kinds) if kind == "kept")
 
 
-def test_a_plan_with_a_door_and_a_pillar_is_drawn_line_by_line() -> None:
+def test_a_plan_with_a_door_and_a_pillar_is_drawn_line_by_line():
     """Lines that close are polygons, of their corners once; others leave the gap open."""
     wall = np.array([[[0.0, 0.0], [5.0, 0.0]], [[5.0, 0.0], [5.0, 4.0]]])
     pillar = closed(np.array([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]]))
@@ -227,7 +223,7 @@ def test_a_plan_with_a_door_and_a_pillar_is_drawn_line_by_line() -> None:
     assert [len(str(shape.get("points")).split()) for shape in drawn] == [3, 3]
 
 
-def test_the_drawing_has_equal_axes_and_every_point(walk: MappedWalk) -> None:
+def test_the_drawing_has_equal_axes_and_every_point(walk):
     found = shapes(walk)
     kinds = [shape.get("class") for shape in found]
     drawn = [kinds.count(kind) for kind in ("kept", "rejected", "upright", "outline", "path")]

@@ -1,7 +1,6 @@
 """Bags for ROS 2, read back by packages that share nothing with the one that wrote them."""
 
 from io import BytesIO
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,9 +8,7 @@ import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from echolearn.acoustics.types import Array
 from echolearn.mapping.files import grid, mcap, ply
-from echolearn.mapping.mapped_walk import MappedWalk
 from mapped_walks import angled, lopsided, nav2
 
 TOPICS = {
@@ -21,7 +18,7 @@ TOPICS = {
 }
 
 
-def decoded(bag: bytes) -> dict[str, Any]:
+def decoded(bag):
     """Return the one message of each topic."""
     reader = make_reader(BytesIO(bag), validate_crcs=True, decoder_factories=[DecoderFactory()])
     found = list(reader.iter_decoded_messages())
@@ -30,7 +27,7 @@ def decoded(bag: bytes) -> dict[str, Any]:
     return {channel.topic: message for _, channel, _, message in found}
 
 
-def points(message: Any) -> Array:
+def points(message):
     """Return a PointCloud2 as its own fields describe it, shape (K, 4)."""
     assert not message.is_bigendian and message.row_step == message.point_step * message.width
     assert [(field.datatype, field.count) for field in message.fields] == [(7, 1)] * 4  # FLOAT32
@@ -40,22 +37,22 @@ def points(message: Any) -> Array:
         "offsets": [field.offset for field in message.fields],
         "itemsize": message.point_step,
     }
-    found = np.frombuffer(bytes(message.data), np.dtype(kind))  # type: ignore[call-overload]
+    found = np.frombuffer(bytes(message.data), np.dtype(kind))
     return np.stack([found[name] for name in ("x", "y", "z", "confidence")], axis=1)
 
 
-def turn(orientation: Any) -> float:
+def turn(orientation):
     """Return the yaw of a quaternion."""
     q = orientation
     return float(np.arctan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2)))
 
 
-def place(pose: Any) -> list[float]:
+def place(pose):
     return [pose.position.x, pose.position.y, pose.position.z]
 
 
 @pytest.mark.parametrize("walk", [lopsided(), angled()])
-def test_a_bag_says_what_the_other_files_say(walk: MappedWalk) -> None:
+def test_a_bag_says_what_the_other_files_say(walk):
     found = decoded(mcap.write(walk)["bag/bag.mcap"])
     headers = [message.header for message in [*found.values(), *found["/path"].poses]]
     stamps = {(header.frame_id, header.stamp.sec, header.stamp.nanosec) for header in headers}
@@ -76,7 +73,7 @@ def test_a_bag_says_what_the_other_files_say(walk: MappedWalk) -> None:
     assert np.allclose([turn(pose.orientation) for pose in poses], headings)
 
 
-def test_the_folder_describes_itself_as_ros2_bag_expects() -> None:
+def test_the_folder_describes_itself_as_ros2_bag_expects():
     files = mcap.write(angled())
     about = yaml.safe_load(files["bag/metadata.yaml"])["rosbag2_bagfile_information"]
     assert (about["version"], about["storage_identifier"], about["message_count"]) == (8, "mcap", 3)
@@ -89,7 +86,7 @@ def test_the_folder_describes_itself_as_ros2_bag_expects() -> None:
         assert (offered["durability"], offered["reliability"], offered["depth"]) == (1, 1, 1)
 
 
-def test_nothing_kept_is_a_bag_of_an_empty_cloud() -> None:
+def test_nothing_kept_is_a_bag_of_an_empty_cloud():
     walk = lopsided()
     walk.map.kept[:] = False
     found = decoded(mcap.write(walk)["bag/bag.mcap"])

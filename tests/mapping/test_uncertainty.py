@@ -7,7 +7,7 @@ import pytest
 
 from echolearn.acoustics.bistatic import echo_direction, echo_path, wall_distance, wall_points
 from echolearn.acoustics.geometry import circular_array, direction
-from echolearn.acoustics.types import Array, Echoes, MicArray, Probe
+from echolearn.acoustics.types import Echoes, MicArray, Probe
 from echolearn.mapping.accuracy import Accuracy, accuracy_of
 from echolearn.mapping.uncertainty import Sightings, _Wall, measured
 from echolearn.mapping.walls import Line, fit
@@ -22,7 +22,7 @@ CELL = np.array([LAG, Accuracy().azimuth]) / np.sqrt(12)
     ("each", "low", "high"),
     [(3, 0.85, 1.0), pytest.param(125, 0.93, 0.97, marks=pytest.mark.release)],
 )
-def test_intervals_hold_the_truth(each: int, low: float, high: float) -> None:
+def test_intervals_hold_the_truth(each, low, high):
     """Of all walks together at least 93 %; where grids leave less than half, at most 97 %."""
     drawn = sum(trials(each).values(), [])
     noisy = [case for case in drawn if case.noisy]
@@ -30,7 +30,7 @@ def test_intervals_hold_the_truth(each: int, low: float, high: float) -> None:
     assert max(shares(noisy)) <= high
 
 
-def seen_from(poses: np.ndarray, headings: np.ndarray, sd: float = 0.0) -> Line:
+def seen_from(poses, headings, sd=0.0):
     """Return the wall x = 2 as a robot without noise finds it, nothing told of the headings."""
     distance = LAG * np.round((2.0 - poses[:, 0]) / LAG)
     step = Accuracy().azimuth
@@ -42,7 +42,7 @@ def seen_from(poses: np.ndarray, headings: np.ndarray, sd: float = 0.0) -> Line:
     return measured(line, seen, accuracy=Accuracy())
 
 
-def test_a_robot_that_stands_still_keeps_the_errors_of_its_grids() -> None:
+def test_a_robot_that_stands_still_keeps_the_errors_of_its_grids():
     """However often it listens; what turns the normal moves the offset by its lever."""
     lines = [seen_from(np.tile([[0.3, 7.0]], (count, 1)), np.full(count, 0.7)) for count in (5, 50)]
     for line in lines:
@@ -50,7 +50,7 @@ def test_a_robot_that_stands_still_keeps_the_errors_of_its_grids() -> None:
         assert line.offset_sd == pytest.approx(np.hypot(CELL[0], 7.0 * CELL[1]), rel=0.1)
 
 
-def test_a_robot_that_turns_or_walks_averages_them() -> None:
+def test_a_robot_that_turns_or_walks_averages_them():
     headings = np.random.default_rng(0).uniform(-np.pi, np.pi, 40)
     turned = seen_from(np.tile([[0.3, 0.0]], (40, 1)), headings)
     assert turned.normal_sd < CELL[1] / 4
@@ -65,7 +65,7 @@ ASIDE = MicArray(circular_array(radius=0.1).positions + [0.45, 0.0, 0.0])
 """A ring far ahead of its loudspeaker."""
 
 
-def test_a_robot_whose_array_is_aside_sees_walls_turn_more_or_less_than_they_do() -> None:
+def test_a_robot_whose_array_is_aside_sees_walls_turn_more_or_less_than_they_do():
     """Rounded to the grid of directions, no echo misses its wall by more than half a cell of it; by
     the wall's own azimuth, those ahead would by a fifth more, as the array is nearer to them."""
     headings = np.random.default_rng(0).uniform(-0.4, 0.4, 200)
@@ -94,7 +94,7 @@ def test_a_robot_whose_array_is_aside_sees_walls_turn_more_or_less_than_they_do(
     assert found.offset == pytest.approx(1.1, abs=3 * found.offset_sd)
 
 
-def test_beside_its_loudspeaker_an_array_has_a_lever_on_distances() -> None:
+def test_beside_its_loudspeaker_an_array_has_a_lever_on_distances():
     """Of a wall to the left of an array 0.45 m ahead an error of direction is one of distance."""
     echoes = Echoes(
         *np.array([[0.008] * 2, [1.0] * 2, [1.0] * 2, [0.0, 1.5], [1.571] * 2, [0.0] * 2])
@@ -112,7 +112,7 @@ def test_beside_its_loudspeaker_an_array_has_a_lever_on_distances() -> None:
     assert distance[1] > 1.3 * distance[0]
 
 
-def test_an_error_of_all_headings_is_not_averaged() -> None:
+def test_an_error_of_all_headings_is_not_averaged():
     headings = np.random.default_rng(0).uniform(-np.pi, np.pi, 40)
     poses = np.tile([[0.3, 0.0]], (40, 1))
     rays = np.tile([[1.0, 0.0]], (40, 1))
@@ -122,7 +122,7 @@ def test_an_error_of_all_headings_is_not_averaged() -> None:
     assert found.normal_sd == pytest.approx(0.1, 0.05)
 
 
-def test_echoes_are_never_more_accurate_than_their_grids() -> None:
+def test_echoes_are_never_more_accurate_than_their_grids():
     burst = np.sin(np.arange(256) * 0.9) * np.hanning(256)
     probe = Probe(burst, 22050.0, 1000)
     accuracy = accuracy_of(probe, circular_array(), azimuths=90, speed_of_sound=340.0)
@@ -134,12 +134,12 @@ def test_echoes_are_never_more_accurate_than_their_grids() -> None:
     assert (np.diff(sds, axis=1) > 0).all() and np.isfinite(sds).all()
 
 
-def test_noise_moves_the_time_of_an_echo_as_much_as_its_score_says() -> None:
+def test_noise_moves_the_time_of_an_echo_as_much_as_its_score_says():
     """The strongest correlation between samples, of a tone burst in white noise."""
     rng = np.random.default_rng(0)
     time = np.arange(200.0)
 
-    def delayed(delay: float) -> Array:
+    def delayed(delay):
         return np.sin(0.9 * (time - delay)) * np.sin(np.pi * (time - delay) / 199) ** 2
 
     burst = delayed(0.0)

@@ -1,7 +1,6 @@
 """Why a map is empty: what was measured decides which cause is told first."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,28 +8,27 @@ import pytest
 from by_hand import write_small
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.sides import closed
-from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.robot.advice import LAST, MANY, PLACES, causes
-from echolearn.survey.health import Health, examine
+from echolearn.survey.health import examine
 from echolearn.survey.reader import read_survey
 from mapped_walks import angled, lopsided
 
-SOUND: dict[str, Any] = {"direct": True, "noticed": ()}
+SOUND = {"direct": True, "noticed": ()}
 SOUND |= {"snr_db": np.array([20.0, np.nan])}
 
 
 @pytest.fixture(scope="module")
-def health(tmp_path_factory: pytest.TempPathFactory) -> Health:
+def health(tmp_path_factory):
     """Return the health of a small survey, made out to be sound."""
     return replace(examine(read_survey(write_small(tmp_path_factory.mktemp("s")))), **SOUND)
 
 
-def told(walk: MappedWalk, health: Health, **changes: Any) -> list[str]:
+def told(walk, health, **changes):
     return causes(walk, replace(health, **changes), window=SearchWindow(1.0, 2.0))
 
 
 @pytest.fixture
-def empty() -> MappedWalk:
+def empty():
     """Return a walk 1 m from a wall, of which no echo is believed."""
     walk = lopsided()
     return replace(walk, map=replace(walk.map, kept=np.zeros(6, dtype=bool)))
@@ -44,15 +42,13 @@ def empty() -> MappedWalk:
         ({"direct": False}, "time zero is taken on trust"),
     ],
 )
-def test_evidence_comes_before_questions(
-    empty: MappedWalk, health: Health, change: dict[str, Any], message: str
-) -> None:
+def test_evidence_comes_before_questions(empty, health, change, message):
     assert told(empty, health) == [LAST]
     first, last = told(empty, health, **change)
     assert first.startswith(message) and last == LAST
 
 
-def test_what_geometry_rules_out_comes_first(empty: MappedWalk, health: Health) -> None:
+def test_what_geometry_rules_out_comes_first(empty, health):
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     far = replace(empty, outline=closed(20 * square))
     first, second, _ = told(far, health, noticed=("most echoes are negative",))
@@ -60,13 +56,13 @@ def test_what_geometry_rules_out_comes_first(empty: MappedWalk, health: Health) 
     assert second == "most echoes are negative"
 
 
-def test_kept_echoes_of_the_ceiling_alone_are_no_map(empty: MappedWalk, health: Health) -> None:
+def test_kept_echoes_of_the_ceiling_alone_are_no_map(empty, health):
     kept = np.array([False] * 5 + [True])
     ceiling = replace(empty, map=replace(empty.map, kept=kept))
     assert told(ceiling, health)[0].startswith("all 1 kept echoes come from floor or ceiling")
 
 
-def test_many_points_that_agree_on_no_wall_are_in_wrong_places(health: Health) -> None:
+def test_many_points_that_agree_on_no_wall_are_in_wrong_places(health):
     walk = angled()
     assert told(walk, health, direct=False) == []
     anywhere = np.random.default_rng(0).uniform(-50, 50, walk.map.points.shape)

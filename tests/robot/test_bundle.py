@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 from shutil import copytree
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +24,7 @@ BEFORE = Path(__file__).parent / "bundle_0_1"
 SHORT = Path(__file__).parents[2] / "examples" / "survey" / "short"
 
 
-def test_a_bundle_of_before_is_read_and_maps_a_survey(tmp_path: Path) -> None:
+def test_a_bundle_of_before_is_read_and_maps_a_survey(tmp_path):
     content = json.loads((BEFORE / "bundle.json").read_text())
     assert content["schema"] == 2 and content["localizer"]["name"] == "gated.Gated"
     scorer = load(BEFORE)
@@ -39,7 +38,7 @@ def test_a_bundle_of_before_is_read_and_maps_a_survey(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", localizer_names())
-def test_every_localizer_travels_by_its_short_name(name: str) -> None:
+def test_every_localizer_travels_by_its_short_name(name):
     made = localizer_of(name=name, arguments={}, window=SearchWindow())
     assert type(made).__name__.lower() == name and made.echoes == 1
 
@@ -112,9 +111,7 @@ UNIT = {"name": "toa", "unit": "s"}
         ("golden", 33, "=33: must be 32"),
     ],
 )
-def test_bad_values_are_refused(
-    path: str, value: Any, message: str | None, packed: Path, tmp_path: Path
-) -> None:
+def test_bad_values_are_refused(path, value, message, packed, tmp_path):
     folder = copytree(packed, tmp_path / "bundle")
     seal(folder, **{path: value})
     with pytest.raises(BadValue) as refused:
@@ -125,7 +122,7 @@ def test_bad_values_are_refused(
         assert f"{path.replace('__', '.')}{message}" in said
 
 
-def paths(inside: Any, before: str = "") -> list[str]:
+def paths(inside, before=""):
     """Return the ways to all values of `bundle.json`."""
     if not isinstance(inside, dict):
         return [before]
@@ -143,9 +140,7 @@ VALUES = st.recursive(
 @settings(
     max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-def test_any_value_is_taken_or_refused_in_one_line(
-    packed: Path, tmp_path: Path, data: st.DataObject
-) -> None:
+def test_any_value_is_taken_or_refused_in_one_line(packed, tmp_path, data):
     folder = copytree(packed, tmp_path / "bundle", dirs_exist_ok=True)
     content = json.loads((folder / "bundle.json").read_text())
     ways = [way[2:] for way in paths(content) if "files" not in way and way != "__sha256"]

@@ -4,11 +4,9 @@ import re
 import subprocess
 import sys
 from base64 import b64decode
-from collections.abc import Callable
 from functools import partial
 from html.parser import HTMLParser
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +17,7 @@ from echolearn.acoustics.geometry import SearchWindow, circular_array, microphon
 from echolearn.acoustics.rooms import outline, true_echoes
 from echolearn.acoustics.sides import closed, first_echoes
 from echolearn.acoustics.signals import noise_probe
-from echolearn.acoustics.types import Array, Pose, Room
+from echolearn.acoustics.types import Pose, Room
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
 from echolearn.robot.check import check_survey
@@ -39,7 +37,7 @@ SCENE = Scene(circular_array(), noise_probe(length=4000), Images(), White())
 WALK = [Pose(np.array([1.2 + 0.2 * step, 1.3, 2.0]), 0.1 * step) for step in range(9)]
 FIRST, LAST = SearchWindow().lags(SCENE.array, SCENE.probe.sample_rate)
 MICROPHONE_2 = np.eye(6)[1][:, None]
-FAULTS: dict[str, tuple[Callable[[Array], Array], int, str, str]] = {
+FAULTS = {
     "sound": (lambda x: x, 0, "map would take it as it is", "  1     fine  "),
     "late": (lambda x: np.roll(x, 64, axis=-1), 0, "64.0 samples", "+64.0  +2.90  "),
     "inverted": (lambda x: -x, 0, "wired the other way", "mended: sign  "),
@@ -50,11 +48,10 @@ FAULTS: dict[str, tuple[Callable[[Array], Array], int, str, str]] = {
 """What is done to recordings (P, M, N), the status, what is said of it, and a part of a row."""
 
 VOID = {"img", "input", "meta"}
-Examine = Callable[..., Path]
 
 
 @pytest.fixture(scope="module")
-def recordings() -> Array:
+def recordings():
     """Return what the walk hears, the direct path among it, at 15 dB: shape (P, M, N)."""
     heard = np.array([SCENE.received(ROOM, pose) for pose in WALK])
     noise = np.random.default_rng(0).standard_normal(heard.shape)
@@ -62,7 +59,7 @@ def recordings() -> Array:
 
 
 @pytest.fixture
-def folder(recordings: Array, tmp_path: Path) -> Path:
+def folder(recordings, tmp_path):
     """Return the walk as a survey whose direct path is present."""
     rate = SCENE.probe.sample_rate
     place = tmp_path / "walk"
@@ -80,7 +77,7 @@ def folder(recordings: Array, tmp_path: Path) -> Path:
     return place
 
 
-def record(folder: Path, recordings: Array) -> None:
+def record(folder, recordings):
     """Write the recordings of the walk, samples (P, M, N)."""
     for number, samples in enumerate(recordings):
         content = wav_bytes(samples, SCENE.probe.sample_rate)
@@ -88,19 +85,13 @@ def record(folder: Path, recordings: Array) -> None:
 
 
 @pytest.fixture
-def checked(folder: Path, tmp_path: Path) -> Examine:
+def checked(folder, tmp_path):
     """Return `check_survey` of the walk."""
     return partial(check_survey, survey=folder, runs=tmp_path / "runs")
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_sound_recordings_and_faulty_ones(
-    name: str,
-    folder: Path,
-    recordings: Array,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_sound_recordings_and_faulty_ones(name, folder, recordings, tmp_path, capsys):
     fault, status, line, row = FAULTS[name]
     record(folder, fault(recordings))
     assert main(["check", f"survey={folder}", f"runs={tmp_path}"]) == status
@@ -114,22 +105,22 @@ def test_sound_recordings_and_faulty_ones(
 class Balance(HTMLParser):
     """Elements that are open; every one must be closed by its own end."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
-        self.open: list[str] = []
+        self.open = []
 
-    def handle_starttag(self, tag: str, attrs: object) -> None:
+    def handle_starttag(self, tag, attrs):
         if tag not in VOID:
             self.open.append(tag)
 
-    def handle_startendtag(self, tag: str, attrs: object) -> None:
+    def handle_startendtag(self, tag, attrs):
         """It ends where it begins."""
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
 
-def test_the_page_needs_nothing_else_and_every_element_is_closed(checked: Examine) -> None:
+def test_the_page_needs_nothing_else_and_every_element_is_closed(checked):
     made = checked()
     text = made.read_text()
     names = sorted(path.name for path in made.parent.iterdir())
@@ -142,9 +133,7 @@ def test_the_page_needs_nothing_else_and_every_element_is_closed(checked: Examin
     assert main(["verify", str(made.parent)]) == 0
 
 
-def test_its_images_are_the_waterfall_of_array_and_microphones(
-    checked: Examine, folder: Path
-) -> None:
+def test_its_images_are_the_waterfall_of_array_and_microphones(checked, folder):
     text = checked().read_text()
     images = [
         np.asarray(Image.open(BytesIO(b64decode(found))))
@@ -157,11 +146,10 @@ def test_its_images_are_the_waterfall_of_array_and_microphones(
         assert np.array_equal(image, drawn)
 
 
-def test_the_waterfall_is_brightest_where_the_direct_path_and_the_echoes_are(folder: Path) -> None:
+def test_the_waterfall_is_brightest_where_the_direct_path_and_the_echoes_are(folder):
     survey = read_survey(folder)
     fall = waterfall(survey, examine(survey), window=SearchWindow())
     array, *alone = fall.images
-    assert fall.echoes is not None
     for drawn, microphone in [(array, 0), *zip(alone, range(6), strict=True)]:
         lag = np.arange(drawn.shape[1]) * fall.lags / drawn.shape[1]
         before = drawn[:, lag < FIRST].argmax(axis=1)
@@ -174,7 +162,7 @@ def test_the_waterfall_is_brightest_where_the_direct_path_and_the_echoes_are(fol
         assert within.mean() > 2.0 * drawn[:, lag >= FIRST].mean() + 5
 
 
-def test_more_poses_than_pixels_lose_no_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_poses_than_pixels_lose_no_line(folder, monkeypatch):
     survey = read_survey(folder)
     whole = waterfall(survey, examine(survey), window=SearchWindow()).images[0]
     monkeypatch.setattr("echolearn.robot.waterfall.SIZE", (3, 50))
@@ -185,9 +173,7 @@ def test_more_poses_than_pixels_lose_no_line(folder: Path, monkeypatch: pytest.M
     assert np.array_equal(small, columns.reshape(3, 3, 50).max(axis=1))
 
 
-def test_without_walls_and_direct_path_nothing_is_drawn_of_them(
-    checked: Examine, folder: Path
-) -> None:
+def test_without_walls_and_direct_path_nothing_is_drawn_of_them(checked, folder):
     drawn = ['class="direct"', 'class="echo"']
     assert [kind in checked().read_text() for kind in drawn] == [True, True]
     edit(folder, walls=None, direct_path="removed")
@@ -195,7 +181,7 @@ def test_without_walls_and_direct_path_nothing_is_drawn_of_them(
 
 
 @pytest.mark.parametrize("heading", [0.0, 2.0])
-def test_first_echoes_are_those_of_mirror_sources(heading: float) -> None:
+def test_first_echoes_are_those_of_mirror_sources(heading):
     pose = Pose(np.array([2.0, 1.5, 1.2]), heading)
     microphones = microphone_positions(SCENE.array, pose)
     ways = first_echoes(outline(ROOM), pose.position, microphones=microphones)
@@ -205,14 +191,14 @@ def test_first_echoes_are_those_of_mirror_sources(heading: float) -> None:
     assert ways.shape == (6, 4)
 
 
-def test_a_wall_that_ends_before_the_sound_meets_it_sends_none_back() -> None:
+def test_a_wall_that_ends_before_the_sound_meets_it_sends_none_back():
     corner = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]])
     place = np.array([1.0, 3.0, 1.0])
     heard = np.isfinite(first_echoes(closed(corner), place, microphones=place[None])[0])
     assert heard.tolist() == [True, False, False, True, True, True]
 
 
-def test_a_png_is_what_others_read() -> None:
+def test_a_png_is_what_others_read():
     levels = np.arange(LEVELS * 3).reshape(3, LEVELS) % LEVELS
     image = Image.open(BytesIO(png_bytes(levels)))
     assert image.size == (LEVELS, 3)
@@ -221,7 +207,7 @@ def test_a_png_is_what_others_read() -> None:
     assert np.all(np.diff(np.asarray(image.convert("L"))[0].astype(int)) > 0)
 
 
-def test_what_is_in_the_way_is_kept(checked: Examine, tmp_path: Path) -> None:
+def test_what_is_in_the_way_is_kept(checked, tmp_path):
     place = tmp_path / "runs" / "check" / "walk"
     place.mkdir(parents=True)
     (place / "thesis.tex").write_text("mine")
@@ -230,15 +216,13 @@ def test_what_is_in_the_way_is_kept(checked: Examine, tmp_path: Path) -> None:
     assert [path.name for path in place.iterdir()] == ["thesis.tex"]
 
 
-def test_a_survey_s_name_is_no_markup(checked: Examine, folder: Path) -> None:
+def test_a_survey_s_name_is_no_markup(checked, folder):
     odd = folder.rename(folder.parent / "<b>&walk")
     text = checked(survey=odd, name="odd").read_text()
     assert "<b>&walk" not in text and "&lt;b&gt;&amp;walk" in text
 
 
-def test_it_ends_with_1_where_map_would_refuse(
-    folder: Path, packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_ends_with_1_where_map_would_refuse(folder, packed, tmp_path, capsys):
     words = [f"survey={folder}", f"runs={tmp_path}", f"bundle={packed}"]
     edit(folder, microphones=(0.9 * SCENE.array.positions).tolist())
     assert main(["map", *words]) == 1
@@ -259,9 +243,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def test_it_runs_where_only_numpy_scipy_and_yaml_are(
-    folder: Path, checked: Examine, tmp_path: Path
-) -> None:
+def test_it_runs_where_only_numpy_scipy_and_yaml_are(folder, checked, tmp_path):
     words = ["check", f"survey={folder}", "runs=alone"]
     run = subprocess.run(
         [sys.executable, "-c", ALONE, *words], capture_output=True, text=True, cwd=tmp_path

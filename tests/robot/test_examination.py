@@ -2,7 +2,6 @@
 
 import json
 import time
-from pathlib import Path
 from shutil import copytree
 
 import numpy as np
@@ -14,19 +13,15 @@ from echolearn.robot import examination, model
 from echolearn.robot.scorer import load
 from echolearn.storage import known
 
-Captured = pytest.CaptureFixture[str]
 
-
-def elsewhere(packed: Path, tmp_path: Path) -> Path:
+def elsewhere(packed, tmp_path):
     """Return a copy of a bundle that says something that no bundle made here has said."""
     folder = copytree(packed, tmp_path / "given")
     seal(folder, name=str(tmp_path))
     return folder
 
 
-def test_a_bundle_from_elsewhere_is_examined_once_and_that_is_said(
-    packed: Path, tmp_path: Path, capsys: Captured
-) -> None:
+def test_a_bundle_from_elsewhere_is_examined_once_and_that_is_said(packed, tmp_path, capsys):
     folder = elsewhere(packed, tmp_path)
     load(folder)
     said = capsys.readouterr().err
@@ -35,14 +30,14 @@ def test_a_bundle_from_elsewhere_is_examined_once_and_that_is_said(
     assert capsys.readouterr().err == ""
 
 
-def test_a_bundle_that_was_made_here_is_not_examined(packed: Path, capsys: Captured) -> None:
+def test_a_bundle_that_was_made_here_is_not_examined(packed, capsys):
     digest = json.loads((packed / "bundle.json").read_text())["sha256"]
     assert known.is_known(digest, known.MADE)
     load(packed)
     assert capsys.readouterr().err == ""
 
 
-def test_what_is_refused_stays_unknown(packed: Path, tmp_path: Path) -> None:
+def test_what_is_refused_stays_unknown(packed, tmp_path):
     folder = elsewhere(packed, tmp_path)
     (folder / "probe.wav").unlink()
     for _ in range(2):
@@ -51,8 +46,8 @@ def test_what_is_refused_stays_unknown(packed: Path, tmp_path: Path) -> None:
 
 
 def test_a_list_that_cannot_be_written_costs_an_examination_each_time(
-    packed: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    packed, tmp_path, capsys, monkeypatch
+):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
     for _ in range(2):
@@ -68,9 +63,7 @@ def test_a_list_that_cannot_be_written_costs_an_examination_each_time(
         ("print('{}')", "ended by status 0"),
     ],
 )
-def test_a_process_that_is_lost_is_a_refusal(
-    code: str, said: str, packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_process_that_is_lost_is_a_refusal(code, said, packed, tmp_path, monkeypatch):
     folder = elsewhere(packed, tmp_path)
     (tmp_path / "lost.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
@@ -79,9 +72,7 @@ def test_a_process_that_is_lost_is_a_refusal(
         load(folder)
 
 
-def test_another_bundle_than_the_examined_one_is_refused(
-    packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_bundle_than_the_examined_one_is_refused(packed, tmp_path, monkeypatch):
     folder = elsewhere(packed, tmp_path)
     (tmp_path / "other.py").write_text('print(\'{"digest": "0", "refusal": ""}\')')
     monkeypatch.syspath_prepend(tmp_path)
@@ -91,8 +82,8 @@ def test_another_bundle_than_the_examined_one_is_refused(
 
 
 def test_a_model_that_takes_long_for_other_inputs_than_the_golden_is_stopped(
-    packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    packed, tmp_path, monkeypatch
+):
     folder = copytree(packed, tmp_path / "given")
     LATER["model that is lazy for golden inputs"](folder)
     scorer = load(folder)

@@ -1,7 +1,5 @@
 """Bundles and surveys of an enemy: each refused in one line, at once, in a limited process."""
 
-from collections.abc import Iterator
-from pathlib import Path
 from shutil import copytree
 
 import numpy as np
@@ -28,7 +26,7 @@ MANY = settings(
 
 
 @pytest.fixture(scope="module")
-def limited() -> Iterator[Limited]:
+def limited():
     """Return one process for all of them, and judge its memory at the end."""
     process = Limited()
     yield process
@@ -37,7 +35,7 @@ def limited() -> Iterator[Limited]:
 
 
 @pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def walk(tmp_path_factory):
     """Return a survey of three poses."""
     return survey(
         name="walk",
@@ -50,9 +48,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("mutation", [name for name in BUNDLES if name not in EXAMINED])
-def test_a_hostile_bundle_is_refused(
-    mutation: str, packed: Path, limited: Limited, tmp_path: Path
-) -> None:
+def test_a_hostile_bundle_is_refused(mutation, packed, limited, tmp_path):
     mutate, said = BUNDLES[mutation]
     folder = copytree(packed, tmp_path / "given")
     mutate(folder)
@@ -62,8 +58,8 @@ def test_a_hostile_bundle_is_refused(
 
 @pytest.mark.parametrize("mutation", EXAMINED)
 def test_a_hostile_bundle_is_refused_by_the_process_that_examines_it(
-    mutation: str, packed: Path, limited: Limited, tmp_path: Path
-) -> None:
+    mutation, packed, limited, tmp_path
+):
     mutate, said = BUNDLES[mutation]
     folder = copytree(packed, tmp_path / "given")
     mutate(folder)
@@ -72,9 +68,7 @@ def test_a_hostile_bundle_is_refused_by_the_process_that_examines_it(
 
 
 @pytest.mark.parametrize("mutation", SURVEYS)
-def test_a_hostile_survey_is_refused(
-    mutation: str, packed: Path, walk: Path, limited: Limited, tmp_path: Path
-) -> None:
+def test_a_hostile_survey_is_refused(mutation, packed, walk, limited, tmp_path):
     mutate, said = SURVEYS[mutation]
     folder = copytree(walk, tmp_path / "given")
     mutate(folder)
@@ -85,12 +79,12 @@ def test_a_hostile_survey_is_refused(
 
 
 @st.composite
-def damage(draw: st.DrawFn) -> tuple[float, int, bool]:
+def damage(draw):
     """Return where a file is damaged, as a share of it, by which bits, and if it ends there."""
     return draw(st.floats(0, 1)), draw(st.integers(1, 255)), draw(st.booleans())
 
 
-def damaged(path: Path, share: float, bits: int, cut: bool) -> None:
+def damaged(path, share, bits, cut):
     data = bytearray(path.read_bytes())
     place = int(share * (len(data) - 1))
     data[place] ^= bits
@@ -99,9 +93,7 @@ def damaged(path: Path, share: float, bits: int, cut: bool) -> None:
 
 @given(st.sampled_from(FILES), damage())
 @MANY
-def test_any_damage_of_a_bundle_is_told(
-    packed: Path, tmp_path: Path, name: str, how: tuple[float, int, bool]
-) -> None:
+def test_any_damage_of_a_bundle_is_told(packed, tmp_path, name, how):
     folder = copytree(packed, tmp_path / "given", dirs_exist_ok=True)
     damaged(folder / name, *how)
     with pytest.raises(BadValue, match=f"^{folder / name}.*(damaged|cannot be read)"):
@@ -111,8 +103,8 @@ def test_any_damage_of_a_bundle_is_told(
 @given(st.sampled_from(FILES[1:]), damage())
 @MANY
 def test_any_damage_that_is_sealed_is_told_or_changes_no_answer(
-    packed: Path, limited: Limited, tmp_path: Path, name: str, how: tuple[float, int, bool]
-) -> None:
+    packed, limited, tmp_path, name, how
+):
     folder = copytree(packed, tmp_path / "given", dirs_exist_ok=True)
     damaged(folder / name, *how)
     seal(folder)
@@ -122,20 +114,13 @@ def test_any_damage_that_is_sealed_is_told_or_changes_no_answer(
 
 @given(st.sampled_from(["survey.yaml", "probe.wav", "poses.csv", "manifest.json"]), damage())
 @MANY
-def test_any_damage_of_a_survey_with_a_manifest_is_told(
-    packed: Path,
-    walk: Path,
-    limited: Limited,
-    tmp_path: Path,
-    name: str,
-    how: tuple[float, int, bool],
-) -> None:
+def test_any_damage_of_a_survey_with_a_manifest_is_told(packed, walk, limited, tmp_path, name, how):
     folder = copytree(walk, tmp_path / "given", dirs_exist_ok=True)
     damaged(folder / name, *how)
     assert limited("verify", folder=folder).startswith(f"error: {folder / name}")
 
 
-def test_what_only_looks_different_is_the_same(packed: Path, tmp_path: Path) -> None:
+def test_what_only_looks_different_is_the_same(packed, tmp_path):
     """Sealed again without a change, with a file beside that nobody asked for: the same answers."""
     folder = copytree(packed, tmp_path / "bundle")
     seal(folder)

@@ -1,7 +1,6 @@
 """A robot with another array, from a set to a map: on the ReSpeaker above its loudspeaker."""
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from echolearn.cli.main import main
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def runs(tmp_path_factory):
     """Return the folder in which everything has been made with that array, and mapped."""
     place = tmp_path_factory.mktemp("respeaker")
     own = ["scene=respeaker", f"runs={place}"]
@@ -25,7 +24,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def test_what_it_keeps_lies_on_walls(runs: Path) -> None:
+def test_what_it_keeps_lies_on_walls(runs):
     with (runs / "maps" / "walk-board" / "map.csv").open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["kept"] == "1"]
     walls = [row for row in rows if row["floor_or_ceiling"] == "0"]
@@ -38,9 +37,7 @@ def test_what_it_keeps_lies_on_walls(runs: Path) -> None:
     assert (tilt > 0.9).all() and (tilt < 2.6).all()
 
 
-def test_another_robot_refuses_its_bundle(
-    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_robot_refuses_its_bundle(runs, tmp_path, capsys):
     assert (
         main(["survey", "room=8x6x5", "snr_db=20", "poses=4", "name=ring", f"runs={tmp_path}"]) == 0
     )

@@ -5,16 +5,13 @@ Turning, delaying and convolving are done here once more, by hand; of the projec
 burst that the bundle wants and the path of the walk.
 """
 
-from collections.abc import Sequence
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
 from scipy.io import wavfile
 from scipy.signal import fftconvolve
 
-from echolearn.acoustics.types import Array, Pose, Room
+from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue
 from echolearn.robot.survey_map import map_survey
 from echolearn.simulation.walk import trajectory
@@ -41,7 +38,7 @@ NAMES = np.random.default_rng(0).permutation(1000)
 """What poses are called."""
 
 
-def turned(places: Array, angle: float) -> Array:
+def turned(places, angle):
     """Return places (M, 3) turned about z."""
     c, s = np.cos(angle), np.sin(angle)
     return places @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
@@ -52,13 +49,13 @@ MICROPHONES = turned(0.2 * np.stack([np.cos(ANGLES), np.sin(ANGLES), 0 * ANGLES]
 """In the robot's frame, m."""
 
 
-def burst() -> Array:
+def burst():
     """Return the bundle's burst at twice its rate, by zeros in its spectrum."""
     samples = plans()[0].scene.probe.samples
     return np.fft.irfft(np.fft.rfft(samples, 2048), 4096)[: 2 * len(samples)] * 2
 
 
-def received(emitted: Array, pose: Pose, *, order: int) -> Array:
+def received(emitted, pose, *, order):
     """Return what arrives of a burst at the microphones, (6, LENGTH); of order 0 in free space."""
     places = turned(MICROPHONES, pose.heading) + pose.position
     about = {"c": 343.0, "fs": RATE, "r": places, "s": pose.position, "L": [*ROOM]}
@@ -69,7 +66,7 @@ def received(emitted: Array, pose: Pose, *, order: int) -> Array:
     return np.pad(arrived, ((0, 0), (0, LENGTH - arrived.shape[1])))
 
 
-def record(folder: Path, poses: Sequence[Pose], *, snr_db: float) -> None:
+def record(folder, poses, *, snr_db):
     """Write a survey, its noise at an SNR below the echoes; the loudest sample is 0.9."""
     (folder / "observations").mkdir(parents=True)
     emitted = burst()
@@ -91,7 +88,7 @@ def record(folder: Path, poses: Sequence[Pose], *, snr_db: float) -> None:
     (folder / "survey.yaml").write_text(yaml.safe_dump(about))
 
 
-def test_another_simulators_survey_is_mapped(packed: Path, tmp_path: Path) -> None:
+def test_another_simulators_survey_is_mapped(packed, tmp_path):
     """Twelve places along the walls, one echo each, at 10 dB: nearly all that is kept is on one."""
     record(tmp_path / "walk", trajectory(Room(ROOM, T60), poses=60)[:24:2], snr_db=10.0)
     with pytest.raises(BadValue, match="resample with resample=true"):

@@ -5,55 +5,52 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.signals import noise_probe
-from echolearn.acoustics.types import Array, MicArray, Observation
+from echolearn.acoustics.types import MicArray
 from echolearn.checks import BadValue
 from echolearn.classifiers.inputs import stack_inputs
 from echolearn.comparison.localized import localize_survey
-from echolearn.robot.scorer import BLOCK, ScoredEchoes, Scorer, load
+from echolearn.robot.scorer import BLOCK, load
 from echolearn.survey import reader
-from echolearn.survey.survey import Survey
 from echolearn.training.predictions import load_scorer, predict
-from echolearn.training.runs import Run, load_runs
-from world import POSES, World, pack, train
+from echolearn.training.runs import load_runs
+from world import POSES, pack, train
 
 WALK = "hall_0dB"
 
 
 @pytest.fixture(scope="module")
-def scorer(packed: Path) -> Scorer:
+def scorer(packed):
     return load(packed)
 
 
 @pytest.fixture(scope="module")
-def walk(world: World) -> Survey:
+def walk(world):
     return reader.read_survey(world.runs / "survey" / WALK)
 
 
 @pytest.fixture(scope="module")
-def observation(walk: Survey) -> Observation:
+def observation(walk):
     return walk.observe(range(POSES))
 
 
 @pytest.fixture(scope="module")
-def scored(scorer: Scorer, walk: Survey, observation: Observation) -> ScoredEchoes:
+def scored(scorer, walk, observation):
     return scorer.score(observation, walk.poses)
 
 
 @pytest.fixture(scope="module")
-def run(world: World) -> Run:
+def run(world):
     [found] = [r for r in load_runs(world.runs) if r.model.classifier == "trees_features"]
     return found
 
 
-def test_confidences_are_the_runs(scorer: Scorer, run: Run, world: World) -> None:
+def test_confidences_are_the_runs(scorer, run, world):
     x = stack_inputs(run.inputs, world.sets["offgrid_hall"])
     factors = np.geomspace(0.01, 100, 100).repeat(len(x))
     many = np.tile(x, (100, 1)) * factors[:, None]
@@ -62,9 +59,7 @@ def test_confidences_are_the_runs(scorer: Scorer, run: Run, world: World) -> Non
     assert scorer(many[:0]).shape == (0,)
 
 
-def test_points_and_confidences_are_the_laboratorys(
-    scored: ScoredEchoes, run: Run, world: World
-) -> None:
+def test_points_and_confidences_are_the_laboratorys(scored, run, world):
     gated = world.arguments["localizers"]["gated"]
     folder = world.runs / "survey" / WALK
     expected = localize_survey(folder, gated, name="gated", resamples=9)
@@ -76,9 +71,7 @@ def test_points_and_confidences_are_the_laboratorys(
     assert np.allclose(scored.echoes.toa[:, 0], expected.columns["toa"], atol=1e-12)
 
 
-def test_pose_by_pose_the_same_points_come_out(
-    scorer: Scorer, scored: ScoredEchoes, walk: Survey, observation: Observation
-) -> None:
+def test_pose_by_pose_the_same_points_come_out(scorer, scored, walk, observation):
     steps = [
         scorer.update(replace(observation, samples=observation.samples[k]), walk.poses[k])
         for k in range(POSES)
@@ -90,9 +83,7 @@ def test_pose_by_pose_the_same_points_come_out(
         assert np.allclose(together, getattr(scored.map, name)[kept], atol=1e-5)
 
 
-def test_a_gain_and_a_softer_copy_of_the_probe_change_nothing(
-    scorer: Scorer, scored: ScoredEchoes, walk: Survey, observation: Observation
-) -> None:
+def test_a_gain_and_a_softer_copy_of_the_probe_change_nothing(scorer, scored, walk, observation):
     softer = replace(observation.probe, samples=observation.probe.samples * 0.25)
     given = replace(observation, samples=3.0 * observation.samples, probe=softer)
     confidence = scorer.score(given, walk.poses).map.confidence
@@ -101,8 +92,8 @@ def test_a_gain_and_a_softer_copy_of_the_probe_change_nothing(
 
 @pytest.mark.parametrize("dtype", [np.int16, np.int32, np.float16, np.float32])
 def test_samples_of_any_real_dtype_give_the_points_of_floats(
-    dtype: type, scorer: Scorer, scored: ScoredEchoes, walk: Survey, observation: Observation
-) -> None:
+    dtype, scorer, scored, walk, observation
+):
     """As a sound card gives them, filling the range of 16 bits, whose squares would wrap around."""
     few = observation.samples[:4]
     samples = np.rint(30_000 / np.abs(few).max(axis=(1, 2), keepdims=True) * few).astype(dtype)
@@ -114,16 +105,14 @@ def test_samples_of_any_real_dtype_give_the_points_of_floats(
     assert np.allclose(found, scored.map.points[:4], atol=1e-3)
 
 
-def test_recordings_of_another_robot_are_refused(
-    scorer: Scorer, walk: Survey, observation: Observation
-) -> None:
+def test_recordings_of_another_robot_are_refused(scorer, walk, observation):
     probe, positions = observation.probe, observation.array.positions
     silent = observation.samples.copy()
     silent[3] = 0.0
     faster = {"probe": replace(probe, sample_rate=44100.0)}
     moved = {"array": MicArray(positions + np.eye(6, 3) * 0.004)}
     other = {"probe": noise_probe(seed=8, length=6000)}
-    cases: dict[str, dict[str, Any]] = {
+    cases = {
         "bundle expects sample_rate=22050 Hz, survey has 44100 Hz; resample with": faster,
         "microphones=4: must be 6, the bundle's": {"array": circular_array(microphones=4)},
         "microphones=one is off by 4.0 mm: must be at most 1 mm": moved,
@@ -140,9 +129,7 @@ def test_recordings_of_another_robot_are_refused(
         scorer.update(replace(observation, samples=silent[3].astype(np.int16)), walk.poses[3])
 
 
-def test_an_array_mounted_at_an_angle_finds_the_same_walls(
-    scorer: Scorer, scored: ScoredEchoes, walk: Survey, observation: Observation
-) -> None:
+def test_an_array_mounted_at_an_angle_finds_the_same_walls(scorer, scored, walk, observation):
     """The same recordings by a robot whose x axis points elsewhere: the same points."""
     turn = 0.6
     cosine, sine = np.cos(turn), np.sin(turn)
@@ -166,14 +153,12 @@ def test_an_array_mounted_at_an_angle_finds_the_same_walls(
         (np.full((1, 4), 1e300), "NaN or infinity"),
     ],
 )
-def test_inputs_that_are_none_are_refused(scorer: Scorer, x: Array, message: str) -> None:
+def test_inputs_that_are_none_are_refused(scorer, x, message):
     with pytest.raises(BadValue, match=f"^inputs.*{message}"):
         scorer(x)
 
 
-def test_tensors_travel_too(
-    world: World, tmp_path: Path, walk: Survey, observation: Observation
-) -> None:
+def test_tensors_travel_too(world, tmp_path, walk, observation):
     net = {"_target_": "echolearn.classifiers.architectures.CovarianceNet"}
     keys = {
         "_target_": "echolearn.classifiers.methods.network.Network",
@@ -211,15 +196,13 @@ assert len(scorer.update(observation, Pose(np.zeros(3))).points) <= 1
 
 
 @pytest.mark.parametrize("code", [ALONE, "import echolearn.classifiers.inference"])
-def test_three_libraries_are_enough_and_leave_nothing_at_home(
-    code: str, packed: Path, tmp_path: Path
-) -> None:
+def test_three_libraries_are_enough_and_leave_nothing_at_home(code, packed, tmp_path):
     """What a robot does not need is hidden from it; onnxruntime would keep files about its use."""
     home = {**os.environ, "HOME": str(tmp_path)}
     subprocess.run([sys.executable, "-c", code, str(packed)], env=home, check=True)
     assert not [path for path in tmp_path.rglob("*") if "onnxruntime" in path.name]
 
 
-def test_a_scorer_is_shown_in_a_line(packed: Path) -> None:
+def test_a_scorer_is_shown_in_a_line(packed):
     """Its model and golden inputs would fill pages."""
     assert re.fullmatch(r"<Scorer small: trees_features of [a-z_, ]+>", repr(load(packed)))

@@ -1,7 +1,6 @@
 """Several echoes on the robot: what the laboratory finds, and every one of them evaluated."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,14 +13,14 @@ from echolearn.localization.methods.gated import Gated
 from echolearn.robot.scorer import load
 from echolearn.survey import reader
 from echolearn.training.predictions import predict
-from echolearn.training.runs import Run, load_runs
-from world import HALL, POSES, World, pack, plans, train, write_set
+from echolearn.training.runs import load_runs
+from world import HALL, POSES, pack, plans, train, write_set
 
 WINDOW = SearchWindow()
 
 
 @pytest.fixture(scope="module")
-def pairs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Run]:
+def pairs(tmp_path_factory):
     """Return a folder with a set of two echoes a pose, and a classifier trained on it."""
     runs = tmp_path_factory.mktemp("pairs")
     plan = replace(plans()[1], localizer=Gated(WINDOW, 36, echoes=2))
@@ -30,9 +29,7 @@ def pairs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Run]:
     return runs, run
 
 
-def test_the_robot_finds_what_the_laboratory_finds(
-    pairs: tuple[Path, Run], world: World, tmp_path: Path
-) -> None:
+def test_the_robot_finds_what_the_laboratory_finds(pairs, world, tmp_path):
     runs, run = pairs
     scorer = load(pack(replace(world, runs=runs), "trees_features", tmp_path))
     assert scorer.bundle.localizer.echoes == 2
@@ -51,7 +48,7 @@ def test_the_robot_finds_what_the_laboratory_finds(
     assert 0 < found.map.kept.sum() < 2 * POSES
 
 
-def test_a_comparison_evaluates_every_echo(pairs: tuple[Path, Run], world: World) -> None:
+def test_a_comparison_evaluates_every_echo(pairs, world):
     _, run = pairs
     folder = world.runs / "survey" / "hall_0dB"
     found = evaluate_survey(

@@ -6,10 +6,8 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +18,7 @@ from by_hand import edit
 from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.rooms import outline, true_echoes
 from echolearn.acoustics.sides import distance_to_outline
-from echolearn.acoustics.types import Array, Pose
+from echolearn.acoustics.types import Pose
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
@@ -32,14 +30,13 @@ from echolearn.simulation.scene import Scene
 from echolearn.survey import audio, reader
 from echolearn.survey.poses import poses_csv
 from echolearn.survey.truth import truth_csv
-from world import HALL, POSES, World, coming_second
+from world import HALL, POSES, coming_second
 
 FILES = ["manifest.json", "map.csv", "map.pgm", "map.ply", "map.svg", "map.yaml", "walls.csv"]
-Make = Callable[..., Path]
 
 
 @pytest.fixture
-def walk(world: World, tmp_path: Path) -> Path:
+def walk(world, tmp_path):
     """Return a copy of the walk at 0 dB, without its manifest, as a robot leaves it."""
     folder = shutil.copytree(world.runs / "survey" / "hall_0dB", tmp_path / "walk")
     (folder / "manifest.json").unlink()
@@ -47,21 +44,21 @@ def walk(world: World, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def made(packed: Path, walk: Path, tmp_path: Path) -> Make:
+def made(packed, walk, tmp_path):
     """Return `map_survey` of the walk."""
     return partial(map_survey, survey=walk, bundle=packed, runs=tmp_path / "runs")
 
 
-def content(folder: Path) -> dict[str, bytes]:
+def content(folder):
     paths = [path for path in folder.rglob("*") if path.is_file()]
     return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
-def about(folder: Path) -> dict[str, Any]:
+def about(folder):
     return dict(json.loads((folder / "manifest.json").read_text()))
 
 
-def points(folder: Path) -> Array:
+def points(folder):
     """Return x, y, confidence, kept, and whether from floor or ceiling, of all points, (P, 5)."""
     with (folder / "map.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -69,20 +66,17 @@ def points(folder: Path) -> Array:
     return np.array([[float(row[name]) for name in names] for row in rows])
 
 
-def on_walls(places: Array, walls: Array) -> Array:
+def on_walls(places, walls):
     return distance_to_outline(places[:, :2], walls) <= MAP_TOLERANCE
 
 
-def test_the_map_is_what_the_scorer_finds(
-    packed: Path, walk: Path, made: Make, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_map_is_what_the_scorer_finds(packed, walk, made, capsys):
     folder = made()
     assert sorted(content(folder)) == FILES
     found = score_survey(load(packed), reader.read_survey(walk)).map
     table = points(folder)
     said = capsys.readouterr().out
     counts = re.match(r"36 poses, (\d+) echoes kept: (\d+) points in the map, (\d+) from", said)
-    assert counts is not None
     kept, shown, upright = map(int, counts.groups())
     assert kept == found.kept.sum() == shown + upright
     svg = (folder / "map.svg").read_text()
@@ -98,9 +92,9 @@ def test_the_map_is_what_the_scorer_finds(
 
 
 def test_a_finished_map_is_shown_again_and_another_survey_makes_another(
-    made: Make, walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def inodes() -> dict[str, int]:
+    made, walk, tmp_path, capsys
+):
+    def inodes():
         return {path.name: path.stat().st_ino for path in folder.iterdir()}
 
     folder = made()
@@ -115,9 +109,7 @@ def test_a_finished_map_is_shown_again_and_another_survey_makes_another(
     assert about(folder)["scores"] is None
 
 
-def test_times_and_directions_alone_make_no_map_but_are_judged_by_their_truth(
-    made: Make, walk: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_times_and_directions_alone_make_no_map_but_are_judged_by_their_truth(made, walk, capsys):
     folder = made()
     poses = reader.read_survey(walk).poses
     truths = [true_echoes(HALL, pose, array=circular_array()) for pose in poses]
@@ -154,23 +146,21 @@ def test_times_and_directions_alone_make_no_map_but_are_judged_by_their_truth(
     assert about(folder)["points"] == about(folder)["lines"] == 0
 
 
-def test_a_map_killed_at_its_first_file_is_made_again(made: Make, tmp_path: Path) -> None:
+def test_a_map_killed_at_its_first_file_is_made_again(made, tmp_path):
     left = tmp_path / "runs" / "maps" / "walk-small" / ".map.csv.0123456789ab.tmp"
     left.parent.mkdir(parents=True)
     left.write_bytes(b"index")
     assert sorted(content(made())) == FILES
 
 
-def test_of_two_maps_at_once_the_second_waits_and_replaces_the_first(
-    made: Make, world: World, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_of_two_maps_at_once_the_second_waits_and_replaces_the_first(made, world, tmp_path, capfd):
     """None is a mixture; that the map was another's is told, whoever asks."""
     other = made(survey=world.runs / "survey" / "hall_-10dB", runs=tmp_path / "o", name="one")
     expected = content(made(runs=tmp_path / "same", name="one"))
     folder, told = tmp_path / "runs" / "maps" / "one", "replaces the map of another survey or bund"
     assert told not in capfd.readouterr().err
 
-    def second(first: Path) -> None:
+    def second(first):
         coming_second(
             partial(made, name="one"),
             folder,
@@ -193,9 +183,7 @@ def test_of_two_maps_at_once_the_second_waits_and_replaces_the_first(
         ("map.svg", Path.mkdir, "map.svg=no plain file: must be a file of a map, or none"),
     ],
 )
-def test_nothing_is_rewritten_before_it_is_known_that_all_can_be(
-    name: str, put: Callable[[Path], object], message: str, made: Make
-) -> None:
+def test_nothing_is_rewritten_before_it_is_known_that_all_can_be(name, put, message, made):
     folder = made()
     (folder / name).unlink(missing_ok=True)
     put(folder / name)
@@ -205,7 +193,7 @@ def test_nothing_is_rewritten_before_it_is_known_that_all_can_be(
     assert content(folder) == before
 
 
-def test_what_is_no_map_is_left_alone(made: Make, tmp_path: Path) -> None:
+def test_what_is_no_map_is_left_alone(made, tmp_path):
     maps = tmp_path / "runs" / "maps"
     (maps / "thesis").mkdir(parents=True)
     (maps / "thesis" / "all.txt").write_text("of it")
@@ -217,7 +205,7 @@ def test_what_is_no_map_is_left_alone(made: Make, tmp_path: Path) -> None:
         made(runs=Path("/dev/null"))
 
 
-def test_a_finished_map_gets_its_bag_and_loses_it_again(made: Make) -> None:
+def test_a_finished_map_gets_its_bag_and_loses_it_again(made):
     plain = content(made())
     folder = made(ros=True)
     with_bag = content(folder)
@@ -229,9 +217,7 @@ def test_a_finished_map_gets_its_bag_and_loses_it_again(made: Make) -> None:
     assert content(made()) == plain and not (folder / "bag").exists()
 
 
-def test_without_the_library_of_bags_nothing_is_done(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_the_library_of_bags_nothing_is_done(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     monkeypatch.delitem(sys.modules, "echolearn.mapping.files.mcap", raising=False)
     monkeypatch.chdir(tmp_path)
@@ -244,10 +230,10 @@ def test_without_the_library_of_bags_nothing_is_done(
 # ---------------------------------------------------------------- the direct path
 
 
-def with_direct(walk: Path, gain: float, *, pcm: bool) -> Array:
+def with_direct(walk, gain, *, pcm):
     """Let a walk be recorded as microphones would, the loudspeaker's burst first; return that."""
     survey = reader.read_survey(walk)
-    direct = Scene(survey.array, survey.probe, Images(), None).direct  # type: ignore[arg-type]
+    direct = Scene(survey.array, survey.probe, Images(), None).direct
     for name in survey.files:
         samples = gain * (audio.read_wav(walk / name, 22050.0) + direct)
         kind = np.rint(samples.T * 32767).astype(np.int16) if pcm else samples.T.astype(np.float32)
@@ -256,7 +242,7 @@ def with_direct(walk: Path, gain: float, *, pcm: bool) -> Array:
     return np.asarray(direct)
 
 
-def test_a_direct_path_that_is_present_is_removed(made: Make, walk: Path, tmp_path: Path) -> None:
+def test_a_direct_path_that_is_present_is_removed(made, walk, tmp_path):
     removed = points(made(runs=tmp_path / "removed"))
     with_direct(walk, 0.02, pcm=True)
     for way, least in (("fitted", 0.95), ("fir", 0.85)):
@@ -267,9 +253,7 @@ def test_a_direct_path_that_is_present_is_removed(made: Make, walk: Path, tmp_pa
         assert np.abs(removed[:, 2] - present[:, 2])[same].mean() < 0.03
 
 
-def test_the_way_to_remove_the_direct_path_is_chosen(
-    made: Make, walk: Path, tmp_path: Path
-) -> None:
+def test_the_way_to_remove_the_direct_path_is_chosen(made, walk, tmp_path):
     """A loudspeaker of gain 0.5: fitted and recorded agree, the free field is too loud."""
     removed = points(made(runs=tmp_path / "removed"))
     with pytest.raises(BadValue, match="direct=fitted: must be null; .* has direct_path: removed"):
@@ -286,16 +270,14 @@ def test_the_way_to_remove_the_direct_path_is_chosen(
     assert np.array_equal(first, chosen["calibration"])
     assert np.array_equal(default, chosen["fir"])
 
-    def true(places: Array) -> float:
+    def true(places):
         return float(on_walls(places, outline(HALL)).mean())
 
     assert min(true(first), true(chosen["fitted"]), true(default)) > true(removed) - 0.05
     assert true(chosen["analytic"]) < true(first) / 2
 
 
-def test_echoes_are_sought_by_the_burst_as_played_where_that_is_asked_for(
-    made: Make, walk: Path
-) -> None:
+def test_echoes_are_sought_by_the_burst_as_played_where_that_is_asked_for(made, walk):
     with pytest.raises(BadValue, match="played=walk: must be null; .* has direct_path: removed"):
         made(played="walk")
     with_direct(walk, 0.5, pcm=False)
@@ -324,9 +306,7 @@ def test_echoes_are_sought_by_the_burst_as_played_where_that_is_asked_for(
         (lambda x: x * (np.arange(6) > 0), "dead channels=microphone 1"),
     ],
 )
-def test_what_is_wrong_with_a_recording_is_said_of_it(
-    fault: Callable[[Array], Array], message: str, made: Make, walk: Path, tmp_path: Path
-) -> None:
+def test_what_is_wrong_with_a_recording_is_said_of_it(fault, message, made, walk, tmp_path):
     path = walk / "observations" / "0033.wav"
     wavfile.write(path, 22050, fault(wavfile.read(path)[1]).astype(np.float32))
     with pytest.raises(BadValue, match=f"^{walk}: {message} in recording 33"):
@@ -334,9 +314,7 @@ def test_what_is_wrong_with_a_recording_is_said_of_it(
     assert content(tmp_path / "runs") == {}
 
 
-def test_where_nothing_is_kept_there_is_advice(
-    made: Make, walk: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_where_nothing_is_kept_there_is_advice(made, walk, capsys):
     """Noise has no echoes; of 36 poses with it one might be believed, of 4 none."""
     made()
     assert "no point is drawn" not in capsys.readouterr().out
@@ -357,14 +335,14 @@ def test_where_nothing_is_kept_there_is_advice(
 # ---------------------------------------------------------------- what the user knows better
 
 
-def changed(walk: Path, change: Callable[[Array], Array]) -> None:
+def changed(walk, change):
     """Let every recording of a walk be changed, samples (M, N)."""
     for name in reader.read_survey(walk).files:
         samples = change(audio.read_wav(walk / name, 22050.0))
         wavfile.write(walk / name, 22050, samples.T.astype(np.float32))
 
 
-def test_a_dead_microphone_is_left_out(made: Make, walk: Path, tmp_path: Path) -> None:
+def test_a_dead_microphone_is_left_out(made, walk, tmp_path):
     """The map with the others is as true; with none left out the walk is refused, by the number."""
     whole = points(made(runs=tmp_path / "whole"))
     changed(walk, lambda x: x * (np.arange(6) != 2)[:, None])
@@ -379,7 +357,7 @@ def test_a_dead_microphone_is_left_out(made: Make, walk: Path, tmp_path: Path) -
             made(without=wrong)
 
 
-def test_gains_mend_a_soft_microphone(made: Make, walk: Path, tmp_path: Path) -> None:
+def test_gains_mend_a_soft_microphone(made, walk, tmp_path):
     whole = points(made(runs=tmp_path / "whole"))
     changed(walk, lambda x: x / np.array([1, 1, 64, 1, 1, 1])[:, None])
     soft = made(runs=tmp_path / "soft")
@@ -392,7 +370,7 @@ def test_gains_mend_a_soft_microphone(made: Make, walk: Path, tmp_path: Path) ->
             made(gains=wrong)
 
 
-def test_echoes_of_either_sign_are_sought(made: Make, walk: Path, tmp_path: Path) -> None:
+def test_echoes_of_either_sign_are_sought(made, walk, tmp_path):
     """A loudspeaker wired the other way gives the same map then; unless asked, it gives another."""
     either = {"sign": "either"}
     upright = points(made(runs=tmp_path / "upright", localizer=either))
@@ -407,14 +385,14 @@ def test_echoes_of_either_sign_are_sought(made: Make, walk: Path, tmp_path: Path
         made(localizer={"sign": "both"})
 
 
-def at_rate(walk: Path, rate: int) -> None:
+def at_rate(walk, rate):
     """Let all files of a walk say that they have another sample rate."""
     for name in ("probe.wav", *reader.read_survey(walk).files):
         wavfile.write(walk / name, rate, wavfile.read(walk / name)[1])
     edit(walk, sample_rate=float(rate))
 
 
-def far(walk: Path) -> None:
+def far(walk):
     """Take the first pose 9 km away, for which 60 000 million cells were needed."""
     survey = reader.read_survey(walk)
     poses = [Pose(np.array([9000.0, 9000.0, 2.0])), *survey.poses[1:]]
@@ -440,14 +418,8 @@ def far(walk: Path) -> None:
     ],
 )
 def test_what_does_not_fit_is_refused_and_nothing_is_left(
-    change: Callable[[Path], None] | None,
-    given: dict[str, Any],
-    message: str,
-    made: Make,
-    packed: Path,
-    walk: Path,
-    tmp_path: Path,
-) -> None:
+    change, given, message, made, packed, walk, tmp_path
+):
     if change:
         change(walk)
     named = {Path("bundle"): packed, Path("survey"): walk}
@@ -456,10 +428,8 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(
     assert content(tmp_path / "runs") == {}
 
 
-def test_a_survey_that_changes_while_it_is_mapped_is_no_map(
-    made: Make, walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def meanwhile(*given: Any, **named: Any) -> Any:
+def test_a_survey_that_changes_while_it_is_mapped_is_no_map(made, walk, tmp_path, monkeypatch):
+    def meanwhile(*given, **named):
         found = score_survey(*given, **named)
         with (walk / "poses.csv").open("a") as file:
             file.write("\n")
@@ -474,13 +444,7 @@ def test_a_survey_that_changes_while_it_is_mapped_is_no_map(
 # ---------------------------------------------------------------- the command
 
 
-def test_the_command_maps_and_verifies(
-    packed: Path,
-    walk: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_command_maps_and_verifies(packed, walk, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["map", f"survey={walk}", f"bundle={packed}", "resolution=0.1"]) == 0
     said = capsys.readouterr().out
@@ -510,12 +474,10 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def test_a_robot_without_hydra_maps_by_the_same_command(
-    packed: Path, walk: Path, made: Make, tmp_path: Path
-) -> None:
+def test_a_robot_without_hydra_maps_by_the_same_command(packed, walk, made, tmp_path):
     """The laboratory's libraries cannot be found; the map is the same, byte for byte."""
 
-    def run(*words: str) -> subprocess.CompletedProcess[str]:
+    def run(*words):
         command = [sys.executable, "-c", HIDDEN, *words]
         return subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
 

@@ -12,18 +12,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import dask
 import numpy as np
 import pytest
 from distributed import Client, get_worker
 
-from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.cli.compose import compose
 from echolearn.cli.config import build, folder
@@ -45,14 +42,13 @@ MANY = f"{BASE} plan.step=1.4 plan.shard_rows=4".split()
 """A set that takes two workers a second: 90 rows in 23 shards."""
 
 Files = dict[str, bytes]
-Whole = Callable[[list[str]], Files]
 
 
 # ---------------------------------------------------------------- the world around
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path, monkeypatch):
     """Work in an empty folder, and return it."""
     place = tmp_path / "here"
     place.mkdir()
@@ -61,11 +57,11 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+def whole(tmp_path_factory):
     """Return what finds the shards of a set by its command line, made by one process."""
-    made: dict[str, Files] = {}
+    made = {}
 
-    def find(words: list[str]) -> Files:
+    def find(words):
         if str(words) not in made:
             runs = tmp_path_factory.mktemp("whole")
             made[str(words)] = shards(generate(plan_of(words), runs=runs, engine=Serial()))
@@ -74,29 +70,29 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     return find
 
 
-def plan_of(words: list[str]) -> Any:
+def plan_of(words):
     """Return the plan of a command line."""
     [(_, config)] = compose("generate", words)
     return build(config["plan"], "plan")
 
 
-def engine(option: str, workers: int) -> Any:
+def engine(option, workers):
     """Return an engine as the command line chooses it."""
     [(_, config)] = compose("generate", [f"engine={option}", f"workers={workers}"])
     return build(config["engine"], "engine")
 
 
-def shards(place: Path) -> Files:
+def shards(place):
     """Return the bytes of every shard by its name."""
     return {path.name: path.read_bytes() for path in place.glob("*.npy")}
 
 
-def finished(where: Path) -> int:
+def finished(where):
     """Return how many shards tell that they are finished."""
     return len(list(where.glob("runs/data/*/shard-*.json")))
 
 
-def started(*words: object) -> subprocess.Popen[str]:
+def started(*words):
     """Start a Python process that leads a group of its own."""
     command = [sys.executable, *map(str, words)]
     quiet = subprocess.DEVNULL
@@ -105,7 +101,7 @@ def started(*words: object) -> subprocess.Popen[str]:
     )
 
 
-def wait_for(condition: Callable[[], object], seconds: float = 60.0) -> None:
+def wait_for(condition, seconds=60.0):
     """Wait until something holds."""
     until = time.monotonic() + seconds
     while not condition():
@@ -114,7 +110,7 @@ def wait_for(condition: Callable[[], object], seconds: float = 60.0) -> None:
 
 
 @contextmanager
-def running(role: str, about: Path, *options: object, code: str = "") -> Iterator[Any]:
+def running(role, about, *options, code=""):
     """Run a scheduler or a worker of Dask; the scheduler describes itself in the file `about`."""
     begin = f"{code}\nfrom distributed.cli.dask_{role} import main; main()"
     common = ["--no-dashboard", "--scheduler-file", about, *options]
@@ -127,26 +123,26 @@ def running(role: str, about: Path, *options: object, code: str = "") -> Iterato
             process.communicate()
 
 
-def scheduler(about: Path, code: str = "", protocol: str = "tcp") -> Any:
+def scheduler(about, code="", protocol="tcp"):
     options = ["--port", "0", "--host", "127.0.0.1", "--protocol", protocol]
     return running("scheduler", about, *options, code=code)
 
 
-def worker(about: Path, code: str = "") -> Any:
+def worker(about, code=""):
     scratch = about.parent / "scratch"
     options = ["--nthreads", "1", "--no-nanny", "--local-directory", scratch]
     return running("worker", about, *options, code=code)
 
 
 @pytest.fixture(scope="module")
-def about(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def about(tmp_path_factory):
     """Return the file of a running scheduler, without workers."""
     file = tmp_path_factory.mktemp("scheduler") / "scheduler.json"
     with scheduler(file):
         yield file
 
 
-def address(about: Path) -> str:
+def address(about):
     return str(json.loads(about.read_text())["address"])
 
 
@@ -154,9 +150,7 @@ def address(about: Path) -> str:
 
 
 @pytest.mark.parametrize("option", ENGINES)
-def test_every_engine_makes_the_same_set_and_redoes_nothing(
-    option: str, here: Path, tmp_path: Path, whole: Whole
-) -> None:
+def test_every_engine_makes_the_same_set_and_redoes_nothing(option, here, tmp_path, whole):
     """One shard of six is there already."""
     plan = plan_of(SMALL)
     place = folder_of(plan, tmp_path)
@@ -170,16 +164,14 @@ def test_every_engine_makes_the_same_set_and_redoes_nothing(
 
 
 @pytest.mark.parametrize("option", ENGINES)
-def test_every_engine_raises_the_error_of_the_job_and_cancels_the_others(option: str) -> None:
+def test_every_engine_raises_the_error_of_the_job_and_cancels_the_others(option):
     began = time.monotonic()
     with pytest.raises(ValueError, match="^sleep length must be non-negative$"):
         list(engine(option, 1)(time.sleep, [0.0, -1.0, *[0.5] * 200]))
     assert time.monotonic() - began < 40
 
 
-def test_shards_that_do_not_arrive_are_missed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_shards_that_do_not_arrive_are_missed(tmp_path, monkeypatch):
     """Workers that see another disk say that they have done all jobs."""
     monkeypatch.setattr(generation, "PATIENCE", 0.1)
     said = "^runs=.*: .*a folder that all workers see and write to at the same path; some"
@@ -188,7 +180,7 @@ def test_shards_that_do_not_arrive_are_missed(
     assert not list(tmp_path.glob("data/*/manifest.json"))
 
 
-def test_a_worker_that_does_not_find_the_mark_writes_nothing(tmp_path: Path) -> None:
+def test_a_worker_that_does_not_find_the_mark_writes_nothing(tmp_path):
     """The folder of the same path may exist on another machine, too."""
     place = tmp_path / "data"
     with pytest.raises(BadValue, match=f"^runs={place}: .*a folder that all workers see"):
@@ -196,16 +188,14 @@ def test_a_worker_that_does_not_find_the_mark_writes_nothing(tmp_path: Path) -> 
     assert not place.exists()
 
 
-def at_an_odd_byte(array: Array) -> Array:
+def at_an_odd_byte(array):
     """Return the same numbers as they lie in a message from the network."""
-    moved: Array = np.frombuffer(b"-" + array.tobytes(), dtype=array.dtype, offset=1)
+    moved = np.frombuffer(b"-" + array.tobytes(), dtype=array.dtype, offset=1)
     assert not moved.flags.aligned
     return moved.reshape(array.shape)
 
 
-def test_a_worker_computes_the_same_wherever_the_arrays_of_a_job_lie(
-    here: Path, whole: Whole
-) -> None:
+def test_a_worker_computes_the_same_wherever_the_arrays_of_a_job_lie(here, whole):
     plan = plan_of(SMALL)
     for holder, name in ((plan.scene.array, "positions"), (plan.scene.probe, "samples")):
         object.__setattr__(holder, name, at_an_odd_byte(getattr(holder, name)))
@@ -218,9 +208,7 @@ def test_a_worker_computes_the_same_wherever_the_arrays_of_a_job_lie(
 # ---------------------------------------------------------------- Dask, wherever it runs
 
 
-def test_the_command_line_reaches_a_running_scheduler(
-    about: Path, here: Path, whole: Whole
-) -> None:
+def test_the_command_line_reaches_a_running_scheduler(about, here, whole):
     """By its address, before there is a worker; a second one is lost in the middle of the work."""
     words = ["generate", *MANY, "engine=dask", f"engine.address={address(about)}"]
     with worker(about), worker(about) as second, started("-m", "echolearn", *words) as client:
@@ -251,7 +239,7 @@ def test_the_command_line_reaches_a_running_scheduler(
         ),
     ],
 )
-def test_a_worker_that_cannot_do_the_same_is_refused(about: Path, code: str, said: str) -> None:
+def test_a_worker_that_cannot_do_the_same_is_refused(about, code, said):
     with worker(about, code):
         with Client(scheduler_file=about, set_as_default=False) as client:
             client.wait_for_workers(1, timeout=60)
@@ -259,14 +247,14 @@ def test_a_worker_that_cannot_do_the_same_is_refused(about: Path, code: str, sai
             list(Dask(scheduler_file=str(about))(math.sqrt, [4.0]))
 
 
-def test_a_worker_that_comes_later_is_asked_by_its_jobs() -> None:
+def test_a_worker_that_comes_later_is_asked_by_its_jobs():
     said = "^engine: a worker has numpy .* instead of 1.0; install there what is"
     with pytest.raises(BadValue, match=said):
         do_alone(math.sqrt, versions() | {"numpy": "1.0"}, 4.0)
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_scheduler_of_another_version_is_refused(tmp_path: Path) -> None:
+def test_a_scheduler_of_another_version_is_refused(tmp_path):
     code = (
         "import importlib.metadata as m; version = m.version\n"
         "m.version = lambda name: '1.0' if name == 'distributed' else version(name)"
@@ -275,7 +263,7 @@ def test_a_scheduler_of_another_version_is_refused(tmp_path: Path) -> None:
         list(Dask(address=address(tmp_path / "about"))(math.sqrt, [4.0]))
 
 
-def test_the_loss_of_the_scheduler_is_one_error(tmp_path: Path) -> None:
+def test_the_loss_of_the_scheduler_is_one_error(tmp_path):
     about = tmp_path / "about"
     with scheduler(about) as process, worker(about):
         jobs = Dask(address=address(about), timeout=1.0)(time.sleep, [0.0, 60.0])
@@ -298,7 +286,7 @@ for address in sys.argv[2:]:
 """What another user of this machine could run: a client without the key of the workers."""
 
 
-def intrude(folder: Path) -> None:
+def intrude(folder):
     """Try, from a job, which knows where the scheduler is, to have work done as an intruder."""
     own = get_worker().scheduler.address
     command = [sys.executable, "-c", INTRUDER, folder / "done", own, own.replace("tls", "tcp")]
@@ -306,16 +294,14 @@ def intrude(folder: Path) -> None:
     (folder / "told").write_text(done.stdout)
 
 
-def test_only_who_has_the_key_of_the_run_can_submit_work(tmp_path: Path) -> None:
+def test_only_who_has_the_key_of_the_run_can_submit_work(tmp_path):
     list(Dask(workers=1)(intrude, [tmp_path]))
     assert (tmp_path / "told").read_text() == "tls refused\ntcp refused\n"
     assert not (tmp_path / "done").exists()
 
 
 @pytest.mark.release
-def test_a_cluster_with_a_key_as_advised_takes_work_from_its_owner_alone(
-    here: Path, whole: Whole, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cluster_with_a_key_as_advised_takes_work_from_its_owner_alone(here, whole, monkeypatch):
     page = (folder().parent / "docs" / "scaling.md").read_text()
     advice = page[page.index("    umask 077") :].partition("\n\n")[0]
     subprocess.run(["bash", "-ec", advice], check=True, capture_output=True)
@@ -337,30 +323,30 @@ def test_a_cluster_with_a_key_as_advised_takes_work_from_its_owner_alone(
     assert shards(made) == whole(SMALL)
 
 
-def test_a_job_that_kills_its_workers_is_given_up() -> None:
+def test_a_job_that_kills_its_workers_is_given_up():
     said = "^engine: a job was lost 2 times with its worker, last on tls://127[^\n]+$"
     fewer = dask.config.set({"distributed.scheduler.allowed-failures": 1})
     with fewer, pytest.raises(BadValue, match=said):
         list(Dask(workers=1)(os._exit, [1]))
 
 
-def children(pid: int) -> list[int]:
+def children(pid):
     """Return the processes below a process."""
-    found: list[int] = []
+    found = []
     for path in Path(f"/proc/{pid}/task").glob("*/children"):
         for child in map(int, path.read_text().split()):
             found += [child, *children(child)]
     return found
 
 
-def is_alive(pid: int) -> bool:
+def is_alive(pid):
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
 
 
-def stopped(words: list[str], where: Path, *, shards: int, number: int) -> str:
+def stopped(words, where, *, shards, number):
     """Stop a command by a signal once so many shards stand; return what it said."""
     with started("-m", "echolearn", *words) as client:
         wait_for(lambda: finished(where) >= shards)
@@ -375,10 +361,8 @@ def stopped(words: list[str], where: Path, *, shards: int, number: int) -> str:
 
 
 @pytest.mark.release
-def test_a_command_that_was_stopped_leaves_no_process_and_is_continued(
-    here: Path, whole: Whole
-) -> None:
-    def scratch() -> set[Path]:
+def test_a_command_that_was_stopped_leaves_no_process_and_is_continued(here, whole):
+    def scratch():
         return set(Path(tempfile.gettempdir()).glob("echolearn-dask-*"))
 
     words = ["generate", *MANY, "engine=dask", "workers=1"]
@@ -427,9 +411,7 @@ def test_a_command_that_was_stopped_leaves_no_process_and_is_continued(
         ("engine.timeout=0", "engine.timeout=0 s: must be a number from 0.1 to 86400 s"),
     ],
 )
-def test_a_mistake_is_one_line(
-    words: str, said: str, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mistake_is_one_line(words, said, here, capsys):
     assert main(["generate", *SMALL, "engine=dask", *words.split()]) == 1
     err = capsys.readouterr().err
     assert err.startswith(f"error: {said}")
@@ -437,7 +419,7 @@ def test_a_mistake_is_one_line(
     assert not list(here.glob("runs/data/*"))
 
 
-def test_without_dask_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_dask_it_is_said_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(
         BadValue, match=r"^engine=dask: needs distributed; pip install 'echolearn\["

@@ -24,17 +24,16 @@ with processes(1) as pool:
 """
 
 
-def is_alive(pid: int) -> bool:
+def is_alive(pid):
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
 
 
-def test_workers_end_when_their_parent_is_killed() -> None:
+def test_workers_end_when_their_parent_is_killed():
     command = [sys.executable, "-c", PARENT]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
-        assert parent.stdout is not None
         worker = int(parent.stdout.readline())
         assert is_alive(worker)
         parent.send_signal(signal.SIGKILL)
@@ -44,7 +43,7 @@ def test_workers_end_when_their_parent_is_killed() -> None:
     assert not is_alive(worker)
 
 
-def test_workers_compute_with_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_compute_with_one_thread(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
     with processes(1) as pool:
@@ -56,11 +55,11 @@ def test_workers_compute_with_one_thread(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.parametrize("error", [None, KeyError()])
-def test_what_was_there_before_can_be_collected_after(error: Exception | None) -> None:
+def test_what_was_there_before_can_be_collected_after(error):
     """Also what has become garbage in a circle, which nothing but the collector finds."""
-    circle: list[object] = [np.empty(0)]
+    circle = [np.empty(0)]
     circle.append(circle)
-    gone = ref(circle[0])  # type: ignore[type-var]
+    gone = ref(circle[0])
     with nullcontext() if error is None else pytest.raises(KeyError), processes(1):
         assert gc.get_freeze_count() > 0
         if error is not None:
@@ -70,7 +69,7 @@ def test_what_was_there_before_can_be_collected_after(error: Exception | None) -
     assert gc.get_freeze_count() == 0 and gone() is None
 
 
-def test_an_error_cancels_what_has_not_begun() -> None:
+def test_an_error_cancels_what_has_not_begun():
     began = time.monotonic()
     with pytest.raises(KeyError), processes(1) as pool:
         waiting = [pool.submit(time.sleep, 0.5) for _ in range(60)]

@@ -4,7 +4,6 @@ import os
 import pty
 import subprocess
 import sys
-from typing import Any
 
 import pytest
 
@@ -19,14 +18,7 @@ from echolearn.runtime import progress
         ([], {"done": 3}, 0.0, ""),
     ],
 )
-def test_lines_tell_how_far_the_work_has_come(
-    items: Any,
-    more: Any,
-    pause: float,
-    said: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_lines_tell_how_far_the_work_has_come(items, more, pause, said, capsys, monkeypatch):
     """Each of three pauses in the first case, the end alone in the second."""
     monkeypatch.setattr(progress, "PAUSE", pause)
     assert list(progress.track(items, "work", **more)) == list(items)
@@ -34,14 +26,12 @@ def test_lines_tell_how_far_the_work_has_come(
     assert capsys.readouterr() == ("", lines)
 
 
-def test_work_that_stops_early_does_not_claim_to_be_done(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_work_that_stops_early_does_not_claim_to_be_done(capsys):
     next(progress.track(range(5), "work"))
     assert capsys.readouterr().err == ""
 
 
-def test_a_terminal_shows_a_bar() -> None:
+def test_a_terminal_shows_a_bar():
     code = "from echolearn.runtime.progress import track\n"
     code += "assert [*track('abc', 'work', unit='letters', done=2)] == ['a', 'b', 'c']"
     ours, theirs = pty.openpty()

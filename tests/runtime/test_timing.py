@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from functools import partial
 
 import pytest
@@ -11,27 +10,27 @@ import pytest
 from echolearn.runtime.timing import Contestant, exponent, lap, race, ratios, spread
 
 
-def test_statistics_are_those_of_hand() -> None:
+def test_statistics_are_those_of_hand():
     assert spread([4.0, 1.0, 3.0, 2.0]) == (2.5, 1.75, 3.25)
     assert spread([7.0]) == (7.0, 7.0, 7.0)
     assert exponent([1.0, 2.0, 4.0], [5.0, 40.0, 320.0]) == pytest.approx(3.0)
 
 
-def test_ratios_are_taken_lap_by_lap() -> None:
+def test_ratios_are_taken_lap_by_lap():
     """Medians are 10 and 1; in the second lap the machine was slow for both."""
     assert ratios([10.0, 60.0, 2.0], [1.0, 20.0, 1.0]) == (3.0, 2.5, 6.5)
     with pytest.raises(ValueError):
         ratios([1.0, 2.0], [1.0])
 
 
-def test_sleeping_takes_time_but_no_cpu() -> None:
+def test_sleeping_takes_time_but_no_cpu():
     found = lap(Contestant(partial(time.sleep, 0.04), units=4), calls=2)
     assert found.wall >= 0.01
     assert found.cpu < 0.005
 
 
-def test_computing_takes_cpu_here_and_in_processes_that_were_started() -> None:
-    def burn() -> None:
+def test_computing_takes_cpu_here_and_in_processes_that_were_started():
+    def burn():
         until = time.process_time() + 0.05
         while time.process_time() < until:
             pass
@@ -42,38 +41,38 @@ def test_computing_takes_cpu_here_and_in_processes_that_were_started() -> None:
     assert lap(Contestant(start)).cpu >= 0.2
 
 
-def noting(notes: str, kept: list[str], *pauses: float) -> Callable[[], None]:
+def noting(notes, kept, *pauses):
     """Return work that notes its name, and sleeps for each pause in turn, the last one for good."""
     left = list(pauses)
 
-    def work() -> None:
+    def work():
         kept.append(notes)
         time.sleep(left.pop(0) if len(left) > 1 else left[0])
 
     return work
 
 
-def test_contestants_take_turns_and_nobody_is_always_first() -> None:
-    kept: list[str] = []
+def test_contestants_take_turns_and_nobody_is_always_first():
+    kept = []
     found = race({x: Contestant(noting(x, kept, 0.0), warm=False) for x in "abc"}, laps=4)
     assert "".join(kept) == "abcbcacababc"
     assert [len(laps) for laps in found.values()] == [4, 4, 4]
 
 
-def test_the_first_call_is_not_timed() -> None:
+def test_the_first_call_is_not_timed():
     found = race({"slow at first": Contestant(noting("x", [], 0.3, 0.01))}, laps=3)
     assert max(lap.wall for lap in found["slow at first"]) < 0.2
 
 
-def test_what_is_quick_is_called_often_enough_for_the_clock() -> None:
-    kept: list[str] = []
+def test_what_is_quick_is_called_often_enough_for_the_clock():
+    kept = []
     found = race({"quick": Contestant(noting("x", kept, 2e-4))}, laps=5)
     assert len(kept) > 5 * 3
     # A lap is that of one call; one of five is undisturbed even where others compute, too.
     assert 2e-4 <= min(lap.wall for lap in found["quick"]) < 5e-3
 
 
-def test_a_race_ends_when_its_time_is_up_but_not_before_its_least_laps() -> None:
+def test_a_race_ends_when_its_time_is_up_but_not_before_its_least_laps():
     slow = {"slow": Contestant(partial(time.sleep, 0.02), warm=False)}
     assert len(race(slow, laps=100, seconds=0.0)["slow"]) == 3
     assert len(race(slow, laps=2, seconds=0.0)["slow"]) == 2

@@ -12,7 +12,7 @@ from echolearn.acoustics.geometry import circular_array, microphone_positions
 from echolearn.acoustics.polygon_room import DOOR, PolygonRoom
 from echolearn.acoustics.rooms import true_echoes
 from echolearn.acoustics.sides import twice_area
-from echolearn.acoustics.types import Array, Pose, Room
+from echolearn.acoustics.types import Pose, Room
 from echolearn.simulation.beams import plan_images
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.rir.pyroom import Pyroom
@@ -36,7 +36,7 @@ MICROPHONES = np.array([[1.61, 1.72, 1.3], [3.4, 2.9, 1.1], [2.1, 2.95, 2.0], [3
 HIGHEST = 3
 
 
-def images_of(room: PolygonRoom, microphone: Array, *, highest: int) -> Array:
+def images_of(room, microphone, *, highest):
     """List squared distances and gains of the images up to an order, shape (any, 2)."""
     gains = room.reflection(SPEED)
     sides = len(room.corners)
@@ -55,14 +55,14 @@ def images_of(room: PolygonRoom, microphone: Array, *, highest: int) -> Array:
     return every[every[:, 1] > 0]
 
 
-def polyhedron(room: PolygonRoom, *, highest: int) -> pyroomacoustics.Room:
+def polyhedron(room, *, highest):
     """Build the room of pyroomacoustics, wall by wall."""
     sides, numbers = room.faces
     gains = np.append(room.reflection(SPEED), 0.0)
     up = room.height * np.array([[0.0, 0.0, 1.0]])
     walls = []
 
-    def add(corners: Array, number: int) -> None:
+    def add(corners, number):
         absorbed = np.array([1.0 - gains[number] ** 2])
         name = str(len(walls))
         walls.append(pyroomacoustics.wall_factory(corners.T, absorbed, np.zeros(1), name))
@@ -78,7 +78,7 @@ def polyhedron(room: PolygonRoom, *, highest: int) -> pyroomacoustics.Room:
     return pyroomacoustics.Room(walls, fs=int(RATE), max_order=highest)
 
 
-def their_images(room: PolygonRoom, *, highest: int) -> list[Array]:
+def their_images(room, *, highest):
     """List squared distances and gains for each microphone, as pyroomacoustics has them."""
     built = polyhedron(room, highest=highest)
     built.add_source(SOURCE)
@@ -93,12 +93,12 @@ def their_images(room: PolygonRoom, *, highest: int) -> list[Array]:
     return found
 
 
-def in_order(images: Array) -> Array:
+def in_order(images):
     return images[np.lexsort(np.round(images, 3).T)]
 
 
 @pytest.mark.parametrize("name", ROOMS)
-def test_images_are_those_of_pyroomacoustics_polyhedra(name: str) -> None:
+def test_images_are_those_of_pyroomacoustics_polyhedra(name):
     room = ROOMS[name]
     for microphone, theirs in zip(MICROPHONES, their_images(room, highest=HIGHEST), strict=True):
         ours = images_of(room, microphone, highest=HIGHEST)
@@ -110,9 +110,7 @@ def test_images_are_those_of_pyroomacoustics_polyhedra(name: str) -> None:
     ("place", "heading"),
     [((2.1, 1.7, 2.2), 0.3), ((4.0, 3.0, 2.5), math.pi / 4), ((1.5, 1.5, 2.5), math.pi / 4)],
 )
-def test_a_box_drawn_as_a_polygon_sounds_like_a_box(
-    place: tuple[float, float, float], heading: float
-) -> None:
+def test_a_box_drawn_as_a_polygon_sounds_like_a_box(place, heading):
     """In its middle, and where sound goes just through corners, too."""
     walls = (1.0, 0.5, 0.9, 1.0, 0.8, 1.0)
     box = Room((8.0, 6.0, 5.0), 0.3, walls)
@@ -127,7 +125,7 @@ def test_a_box_drawn_as_a_polygon_sounds_like_a_box(
     assert found.shape == expected.shape and 10 * np.log10(error) < -100.0
 
 
-def test_what_an_engine_cannot_do_is_refused() -> None:
+def test_what_an_engine_cannot_do_is_refused():
     about = {"sample_rate": RATE, "speed_of_sound": SPEED}
     with refused("rir=pyroom: must be images or torch where the room is no box"):
         Pyroom()(ROOMS["an L"], SOURCE, MICROPHONES, **about)
@@ -137,7 +135,7 @@ def test_what_an_engine_cannot_do_is_refused() -> None:
         Images()(ROOMS["an L"], np.array([2.0, 0.0, 1.0]), MICROPHONES, **about)
 
 
-def test_torch_sums_the_same_images() -> None:
+def test_torch_sums_the_same_images():
     about = {"sample_rate": RATE, "speed_of_sound": SPEED}
     room = replace(ROOMS["a pillar and a door"], t60=0.15)
     expected = Images()(room, SOURCE, MICROPHONES, **about)
@@ -147,7 +145,7 @@ def test_torch_sums_the_same_images() -> None:
 
 
 @pytest.mark.parametrize("name", ROOMS)
-def test_first_order_images_are_the_true_echoes(name: str) -> None:
+def test_first_order_images_are_the_true_echoes(name):
     room = ROOMS[name]
     array = circular_array(microphones=4, radius=0.1)
     microphone = microphone_positions(array, Pose(SOURCE))[0]
@@ -158,7 +156,7 @@ def test_first_order_images_are_the_true_echoes(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ROOMS)
-def test_whoever_hears_is_heard_as_well(name: str) -> None:
+def test_whoever_hears_is_heard_as_well(name):
     """Loudspeaker and microphone change places: of images in the hundreds none is lost or new."""
     room = ROOMS[name]
     here, there = SOURCE[:2], MICROPHONES[1, :2]
@@ -171,7 +169,7 @@ def test_whoever_hears_is_heard_as_well(name: str) -> None:
     assert np.allclose(*near, rtol=1e-5)
 
 
-def test_doors_shorten_the_reverberation_and_nothing_else_does() -> None:
+def test_doors_shorten_the_reverberation_and_nothing_else_does():
     """The late energy of a room with an open door, over that of the same room, at one place."""
     shut = PolygonRoom(L, 2.6, 0.3)
     late = slice(round(0.15 * RATE), None)

@@ -14,7 +14,6 @@ from echolearn.dataset.plans import ScatteredPlan
 from echolearn.dataset.records import records
 from echolearn.localization.methods.gated import Gated
 from echolearn.simulation.imperfect_scene import ImperfectScene, realistic
-from echolearn.simulation.imperfections import Imperfections
 from echolearn.simulation.kernels import clusters, low_pass, minimum_phase
 from echolearn.simulation.noise.coloured import Coloured
 from echolearn.simulation.noise.white import White
@@ -36,7 +35,7 @@ ONE_WALL = replace(ROOM, walls=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 POSE = Pose(np.array([1.3, 2.2, 1.4]), 0.7)
 
 
-def drawn(realism: Realism, scene: Scene = SCENE, seed: int = 0, **changes) -> ImperfectScene:
+def drawn(realism, scene=SCENE, seed=0, **changes):
     """Return a scene with one draw of some ranges; `changes` are put in its place."""
     flaws = realism.draw(scene, np.random.default_rng(seed))
     flaws = replace(flaws, **changes)
@@ -44,12 +43,12 @@ def drawn(realism: Realism, scene: Scene = SCENE, seed: int = 0, **changes) -> I
     return ImperfectScene(**own, imperfections=flaws)
 
 
-def echo(scene: Scene, room: Room = ONE_WALL) -> np.ndarray:
+def echo(scene, room=ONE_WALL):
     """Return what is recorded without its direct path, shape (M, N)."""
     return scene.received(room, POSE) - scene.direct
 
 
-def fixed(**values: float) -> Realism:
+def fixed(**values):
     """Return ranges of one value each."""
     return Realism(**{name: (value, value) for name, value in values.items()})
 
@@ -313,7 +312,7 @@ def test_a_clean_plan_keeps_its_identity():
 
 
 def test_no_draw_depends_on_the_range_of_another():
-    def draw(**ranges: tuple[float, float]) -> Imperfections:
+    def draw(**ranges):
         return replace(EVERYTHING, **ranges).draw(SCENE, np.random.default_rng(1))
 
     few, many = draw(scatterers=(0.0, 0.0)), draw(scatterers=(9.0, 9.0), spread=(0.0, 0.0))
@@ -325,7 +324,7 @@ def test_no_draw_depends_on_the_range_of_another():
 
 
 def test_a_robot_stays_the_same_from_pose_to_pose():
-    def pose(index: int) -> Imperfections:
+    def pose(index):
         here = np.random.default_rng([7, index])
         return EVERYTHING.draw(SCENE, here, robot=np.random.default_rng(7))
 

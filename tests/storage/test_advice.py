@@ -29,9 +29,7 @@ echolearn bench rows=3 | runs/bench | deep | echolearn bench rows=3 runs=HOME/ru
 
 
 @pytest.mark.parametrize("row", ADVISED.replace("\\\n", "").strip().splitlines())
-def test_paths_are_told_in_full_where_they_would_lead_elsewhere(
-    row: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_paths_are_told_in_full_where_they_would_lead_elsewhere(row, tmp_path, monkeypatch):
     """Where the folder has been moved, the paths around it are not known."""
     command, folder, here, expected = row.split(" | ")
     for place in ("deep", "a"):
@@ -41,13 +39,13 @@ def test_paths_are_told_in_full_where_they_would_lead_elsewhere(
     assert told == expected.strip().replace("HOME", str(tmp_path))
 
 
-def test_names_that_a_shell_or_hydra_reads_otherwise_are_quoted() -> None:
+def test_names_that_a_shell_or_hydra_reads_otherwise_are_quoted():
     line = command_line("survey", assignment("name", "a (1)"), runs=Path("it's"))
     assert shlex.split(line) == ["echolearn", "survey", "name='a (1)'", "runs='it\\'s'"]
     assert command_line("train", runs=Path("runs")) == "echolearn train"
 
 
 @given(st.text())
-def test_a_text_is_what_was_quoted(text: str) -> None:
+def test_a_text_is_what_was_quoted(text):
     key, _, value = assignment("key", text).partition("=")
     assert key == "key" and text_of(value) == text

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import pytest
@@ -24,7 +23,7 @@ from echolearn.storage import files
         arrays.array_shapes(max_side=4),
     )
 )
-def test_an_array_comes_back_as_it_was(array: np.ndarray) -> None:
+def test_an_array_comes_back_as_it_was(array):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "deeper" / "a.npy"
         files.save_array(path, array)
@@ -36,7 +35,7 @@ def test_an_array_comes_back_as_it_was(array: np.ndarray) -> None:
         np.testing.assert_array_equal(back, array)
 
 
-def test_an_array_of_python_objects_is_neither_written_nor_read(tmp_path: Path) -> None:
+def test_an_array_of_python_objects_is_neither_written_nor_read(tmp_path):
     path = tmp_path / "a.npy"
     with pytest.raises(ValueError, match="allow_pickle"):
         files.save_array(path, np.array([{}], dtype=object))
@@ -46,12 +45,10 @@ def test_an_array_of_python_objects_is_neither_written_nor_read(tmp_path: Path) 
         files.open_array(path, size=path.stat().st_size, sha256=files.sha256(path))
 
 
-def test_a_file_is_on_the_disk_before_it_has_its_name_and_the_name_after(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_is_on_the_disk_before_it_has_its_name_and_the_name_after(tmp_path, monkeypatch):
     path, sync, named = tmp_path / "a.bin", os.fsync, []
 
-    def watched(handle: int) -> None:
+    def watched(handle):
         named.append(path.exists())
         sync(handle)
 
@@ -68,12 +65,10 @@ def test_a_file_is_on_the_disk_before_it_has_its_name_and_the_name_after(
         ("/nowhere/a", r"a\.bin: cannot be written \(No such file or directory\); is the folder"),
     ],
 )
-def test_an_error_in_the_middle_leaves_the_old_file_and_no_temporary(
-    path: str, said: str, tmp_path: Path
-) -> None:
+def test_an_error_in_the_middle_leaves_the_old_file_and_no_temporary(path, said, tmp_path):
     target = tmp_path / "a.bin"
 
-    def broken(file: BinaryIO) -> None:
+    def broken(file):
         file.write(b"new, half of")
         with open(path, "wb", buffering=0) as full:
             full.write(b"the rest")
@@ -98,7 +93,7 @@ except BadValue as error:
 """
 
 
-def test_a_file_that_may_not_grow_gives_one_line(tmp_path: Path) -> None:
+def test_a_file_that_may_not_grow_gives_one_line(tmp_path):
     command = [sys.executable, "-c", LIMITED, str(tmp_path / "a")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
     advice = "make room and run the same command again"
@@ -122,15 +117,12 @@ write_atomic(Path(sys.argv[1]), slowly)
 
 
 @pytest.mark.parametrize("old", [None, b"old"])
-def test_sigkill_in_the_middle_leaves_the_old_file_or_none(
-    tmp_path: Path, old: bytes | None
-) -> None:
+def test_sigkill_in_the_middle_leaves_the_old_file_or_none(tmp_path, old):
     path = tmp_path / "a.bin"
     if old is not None:
         files.write_atomic(path, old)
     command = [sys.executable, "-c", SLOW, str(path)]
     with subprocess.Popen(command, text=True, stdout=subprocess.PIPE) as writer:
-        assert writer.stdout is not None
         assert writer.stdout.readline() == "half\n"
         files.clean(tmp_path)
         assert len(list(tmp_path.glob(".*.tmp"))) == 1, "a living writer keeps its temporary"
@@ -140,7 +132,7 @@ def test_sigkill_in_the_middle_leaves_the_old_file_or_none(
     assert list(tmp_path.iterdir()) == ([path] if old is not None else [])
 
 
-def test_the_size_is_looked_at_before_a_byte_is_read(tmp_path: Path) -> None:
+def test_the_size_is_looked_at_before_a_byte_is_read(tmp_path):
     path = tmp_path / "giant"
     path.touch()
     os.truncate(path, 10 << 40)

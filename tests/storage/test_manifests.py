@@ -17,15 +17,13 @@ from echolearn.storage.advice import repair_hint
 
 ABOUT = {"rows": 10, "command": "echolearn generate plan=tiny"}
 
-Sound = tuple[Path, dict[str, bytes]]
 
-
-def contents(folder: Path) -> dict[str, bytes]:
+def contents(folder):
     """Return the bytes of every file by its name."""
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-def finished(folder: Path) -> dict[str, bytes]:
+def finished(folder):
     """Make a small finished folder and return its bytes by file name."""
     for index in range(2):
         manifests.write_shard(folder, index, np.arange(5.0) + index)
@@ -35,15 +33,13 @@ def finished(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> Sound:
+def sound(tmp_path_factory):
     """Return one finished folder; the tests that damage a file put it right again."""
     folder = tmp_path_factory.mktemp("finished")
     return folder, finished(folder)
 
 
-def test_a_finished_folder_gives_its_manifest_the_same_bytes_each_time(
-    sound: Sound, tmp_path: Path
-) -> None:
+def test_a_finished_folder_gives_its_manifest_the_same_bytes_each_time(sound, tmp_path):
     folder, made = sound
     assert sorted(made) == ["config.json", "manifest.json", "shard-00000.npy", "shard-00001.npy"]
     manifest = manifests.verify(folder)
@@ -52,7 +48,7 @@ def test_a_finished_folder_gives_its_manifest_the_same_bytes_each_time(
     assert finished(tmp_path) == made
 
 
-def damaged(sound: Sound, name: str, content: bytes | None) -> str:
+def damaged(sound, name, content):
     """Return what `verify` says when a file of the sound folder holds `content`, or is gone."""
     folder, made = sound
     path = folder / name
@@ -69,9 +65,7 @@ def damaged(sound: Sound, name: str, content: bytes | None) -> str:
 
 @settings(max_examples=200, deadline=None)
 @given(st.data(), st.booleans())
-def test_any_flipped_bit_and_any_truncation_is_detected(
-    sound: Sound, data: st.DataObject, cut: bool
-) -> None:
+def test_any_flipped_bit_and_any_truncation_is_detected(sound, data, cut):
     name = data.draw(st.sampled_from(sorted(sound[1])))
     content = bytearray(sound[1][name])
     place = data.draw(st.integers(0, len(content) - 1))
@@ -79,7 +73,7 @@ def test_any_flipped_bit_and_any_truncation_is_detected(
     damaged(sound, name, bytes(content[:place] if cut else content))
 
 
-def test_damage_is_named_with_the_command_that_mends_it(sound: Sound) -> None:
+def test_damage_is_named_with_the_command_that_mends_it(sound):
     mend = "run again: echolearn generate plan=tiny"
     short = damaged(sound, "shard-00001.npy", sound[1]["shard-00001.npy"][:-1])
     assert short.endswith(f"shard-00001.npy: damaged, 167 bytes instead of 168; {mend}")
@@ -90,21 +84,19 @@ def test_damage_is_named_with_the_command_that_mends_it(sound: Sound) -> None:
 FOREIGN = ["echolearn train; rm -r x", "echolearn train\nrm", "echolearn 'train", "rm -r x", None]
 
 
-def advised(folder: Path, command: object) -> str:
+def advised(folder, command):
     """Return what is advised about a folder that was made here by a command."""
     return repair_hint(manifests.finish(folder, {"command": command}, []), folder)
 
 
-def test_only_a_command_line_of_ones_own_is_advised(tmp_path: Path) -> None:
+def test_only_a_command_line_of_ones_own_is_advised(tmp_path):
     own = "echolearn train 'name=a b'"
     assert advised(tmp_path, own) == f"run again: {own}"
     told = {advised(tmp_path, command) for command in FOREIGN}
     assert told == {"make it again as it was made"}
 
 
-def test_the_command_of_a_stranger_is_not_advised(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_of_a_stranger_is_not_advised(tmp_path, monkeypatch):
     with monkeypatch.context() as elsewhere:
         elsewhere.setenv("XDG_STATE_HOME", str(tmp_path / "another"))
         manifest = manifests.finish(tmp_path, {"command": "echolearn train runs=/"}, [])
@@ -114,17 +106,17 @@ def test_the_command_of_a_stranger_is_not_advised(
 @pytest.mark.parametrize(
     "content", [b"", b"{", b"[]", b"null", b'{"files": 3}', b"\xff", b"[" * 100_000]
 )
-def test_a_manifest_that_is_none_is_refused(sound: Sound, content: bytes) -> None:
+def test_a_manifest_that_is_none_is_refused(sound, content):
     damaged(sound, manifests.MANIFEST, content)
 
 
-def test_a_folder_without_manifest_is_not_finished(tmp_path: Path) -> None:
+def test_a_folder_without_manifest_is_not_finished(tmp_path):
     assert not manifests.is_finished(tmp_path)
     with pytest.raises(BadValue, match="not finished, or not made by echolearn: there is no"):
         manifests.verify(tmp_path)
 
 
-def test_the_largest_set_is_read_again() -> None:
+def test_the_largest_set_is_read_again():
     """As many shards of a megabyte as a set may have: their entries are of equal length."""
     name = manifests.shard_name(manifests.MOST)
     entry = {"bytes": 10**6, "sha256": 64 * "0"}
@@ -133,7 +125,7 @@ def test_the_largest_set_is_read_again() -> None:
     assert (two - one) * manifests.MOST < manifests.LARGEST
 
 
-def test_a_manifest_that_nobody_would_read_is_not_written(tmp_path: Path) -> None:
+def test_a_manifest_that_nobody_would_read_is_not_written(tmp_path):
     """What the shards are known by stays, so that nothing is lost."""
     name = manifests.shard_name(0)
     manifests.write_shard(tmp_path, 0, np.arange(5.0))
@@ -149,7 +141,7 @@ def test_a_manifest_that_nobody_would_read_is_not_written(tmp_path: Path) -> Non
         manifests.load_manifest(tmp_path, largest=size - 1)
 
 
-def test_the_metrics_of_a_run_are_a_manifest_too(tmp_path: Path) -> None:
+def test_the_metrics_of_a_run_are_a_manifest_too(tmp_path):
     files.save_json(tmp_path / "config.json", {"seed": 1})
     written = manifests.finish(tmp_path, {"auc": (0.5,)}, ["config.json"], last=manifests.METRICS)
     assert sorted(contents(tmp_path)) == ["config.json", "metrics.json"]
@@ -166,7 +158,7 @@ def test_the_metrics_of_a_run_are_a_manifest_too(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- shards
 
 
-def test_only_what_is_absent_torn_or_damaged_is_missing(tmp_path: Path) -> None:
+def test_only_what_is_absent_torn_or_damaged_is_missing(tmp_path):
     paths = [tmp_path / manifests.shard_name(index) for index in range(5)]
     for index in range(5):
         manifests.write_shard(tmp_path, index, np.arange(8.0) * index)
@@ -177,7 +169,7 @@ def test_only_what_is_absent_torn_or_damaged_is_missing(tmp_path: Path) -> None:
     assert manifests.missing_shards(tmp_path, 7) == [0, 1, 2, 3, 5, 6]
 
 
-def test_a_finished_set_is_mended_by_redoing_the_damaged_shard_alone(tmp_path: Path) -> None:
+def test_a_finished_set_is_mended_by_redoing_the_damaged_shard_alone(tmp_path):
     before = finished(tmp_path)
     assert manifests.missing_shards(tmp_path, 2) == []
     (tmp_path / "shard-00001.npy").write_bytes(before["shard-00001.npy"][:-1] + b"\x01")
@@ -201,11 +193,10 @@ for index in range(400):
 
 @settings(max_examples=4, deadline=None)
 @given(st.floats(0.0, 0.25))
-def test_sigkill_at_any_moment_never_leaves_a_shard_that_counts_but_is_wrong(delay: float) -> None:
+def test_sigkill_at_any_moment_never_leaves_a_shard_that_counts_but_is_wrong(delay):
     with tempfile.TemporaryDirectory() as name:
         command = [sys.executable, "-c", SHARDS, name]
         with subprocess.Popen(command, text=True, stdout=subprocess.PIPE) as writer:
-            assert writer.stdout is not None
             writer.stdout.readline()
             time.sleep(delay)
             writer.kill()

@@ -3,8 +3,6 @@
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -23,10 +21,10 @@ write_atomic(Path(sys.argv[1]), lambda file: (print(flush=True), time.sleep(60))
 """
 
 
-def killed_while_writing(path: Path) -> None:
+def killed_while_writing(path):
     """Leave what a command leaves that is killed while it writes a file."""
     with subprocess.Popen([sys.executable, "-c", SLOW, path], stdout=subprocess.PIPE) as writer:
-        assert writer.stdout is not None and writer.stdout.readline()
+        assert writer.stdout.readline()
         writer.send_signal(signal.SIGKILL)
 
 
@@ -37,9 +35,7 @@ def killed_while_writing(path: Path) -> None:
         lambda page: write_beside(page, NEW.encode()),
     ],
 )
-def test_what_a_killed_command_left_of_a_page_goes(
-    tmp_path: Path, write: Callable[[Path], None]
-) -> None:
+def test_what_a_killed_command_left_of_a_page_goes(tmp_path, write):
     page = tmp_path / "[my] page.md"
     page.write_text(PAGE)
     killed_while_writing(page)

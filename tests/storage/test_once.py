@@ -7,7 +7,6 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 
@@ -16,7 +15,7 @@ from echolearn.storage.files import clean
 from echolearn.storage.once import locked, once, presence
 
 
-def python(code: str, path: Path) -> subprocess.Popen[str]:
+def python(code, path):
     """Start a Python process that knows a path."""
     code = f"""
 import os, sys, time
@@ -36,7 +35,7 @@ for _ in range(100):
 """
 
 
-def test_processes_and_threads_change_a_file_one_at_a_time(tmp_path: Path) -> None:
+def test_processes_and_threads_change_a_file_one_at_a_time(tmp_path):
     path = tmp_path / "count"
     path.write_text("0")
     counting = [python(COUNT, path) for _ in range(2)]
@@ -58,12 +57,9 @@ with locked(path):
 """
 
 
-def test_whoever_waits_says_so_once_and_comes_next_when_the_holder_is_killed(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_whoever_waits_says_so_once_and_comes_next_when_the_holder_is_killed(tmp_path, capfd):
     path = tmp_path / "new" / "folder"
     with python(HOLD, path) as holder:
-        assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
         began = time.monotonic()
         threading.Timer(0.3, holder.kill).start()
@@ -77,36 +73,34 @@ def test_whoever_waits_says_so_once_and_comes_next_when_the_holder_is_killed(
     assert capfd.readouterr().err == "waiting for another\n"
 
 
-def test_an_error_inside_lets_the_next_in_and_leaves_nothing(tmp_path: Path) -> None:
+def test_an_error_inside_lets_the_next_in_and_leaves_nothing(tmp_path):
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt), locked(tmp_path / "a"), locked(tmp_path / "b"):
             raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path):
     (tmp_path / "file").write_bytes(b"")
     said = r"/\.b\.lock: cannot be written \(.+\); is the folder the right one\?$"
     with pytest.raises(BadValue, match=said), locked(tmp_path / "file" / "b"):
         pass
 
 
-def test_a_thing_is_made_once_whoever_comes_second(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    made: list[int] = []
+def test_a_thing_is_made_once_whoever_comes_second(tmp_path, capfd):
+    made = []
     begun = threading.Event()
 
-    def make() -> int:
+    def make():
         begun.set()
         time.sleep(0.2)
         made.append(1)
         return 1
 
-    def found() -> int | None:
+    def found():
         return made[0] if made else None
 
-    def ask() -> int:
+    def ask():
         return once(tmp_path / "thing", finished=found, make=make, doing="makes it")
 
     with ThreadPoolExecutor() as pool:
@@ -124,7 +118,7 @@ with presence(path):
 """
 
 
-def test_a_presence_lasts_as_long_as_its_process(tmp_path: Path) -> None:
+def test_a_presence_lasts_as_long_as_its_process(tmp_path):
     place = tmp_path / "data"
     with presence(place) as mark:
         clean(place)
@@ -132,7 +126,6 @@ def test_a_presence_lasts_as_long_as_its_process(tmp_path: Path) -> None:
     assert not place.exists(), "nothing came of it"
 
     with python(PRESENT, place) as holder:
-        assert holder.stdout is not None
         holder.stdout.readline()
         os.kill(holder.pid, signal.SIGKILL)
     [mark] = place.iterdir()

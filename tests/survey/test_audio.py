@@ -2,7 +2,6 @@
 
 import sys
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,13 +17,13 @@ SAMPLES = 0.1 * np.random.default_rng(0).standard_normal(SHAPE)
 
 
 @pytest.fixture
-def flac(tmp_path: Path) -> Path:
+def flac(tmp_path):
     """Return a FLAC file of 16 bits, written by another library."""
     soundfile.write(tmp_path / "a.flac", SAMPLES.T, 22050, subtype="PCM_16")
     return tmp_path / "a.flac"
 
 
-def refusal(path: Path, shape: tuple[int, int] = SHAPE) -> str:
+def refusal(path, shape=SHAPE):
     """Return the one line with which a file is refused."""
     with pytest.raises(BadValue) as refused:
         audio.read_recording(path, 22050.0, shape=shape)
@@ -37,16 +36,14 @@ def refusal(path: Path, shape: tuple[int, int] = SHAPE) -> str:
 
 @given(st.integers(1, 4), st.integers(1, 50), st.integers(0, 2**32))
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_float_recordings_survive_bit_by_bit(
-    tmp_path: Path, channels: int, length: int, seed: int
-) -> None:
+def test_float_recordings_survive_bit_by_bit(tmp_path, channels, length, seed):
     samples = np.random.default_rng(seed).standard_normal((channels, length)).astype(np.float32)
     (tmp_path / "any.wav").write_bytes(audio.wav_bytes(samples, 22050.0))
     assert np.array_equal(audio.read_wav(tmp_path / "any.wav", 22050.0), samples)
 
 
 @pytest.mark.parametrize("frames", [1, 399])
-def test_a_file_that_was_cut_is_refused(tmp_path: Path, frames: int) -> None:
+def test_a_file_that_was_cut_is_refused(tmp_path, frames):
     """Where a disk was full, say: frames of 3 channels of 4 bytes are missing at the end."""
     data = audio.wav_bytes(SAMPLES, 22050.0)
     (tmp_path / "cut.wav").write_bytes(data[: len(data) - 12 * frames])
@@ -56,7 +53,7 @@ def test_a_file_that_was_cut_is_refused(tmp_path: Path, frames: int) -> None:
 
 
 @pytest.mark.parametrize("length", [399, 400])
-def test_other_chunks_and_odd_sizes_are_no_damage(tmp_path: Path, length: int) -> None:
+def test_other_chunks_and_odd_sizes_are_no_damage(tmp_path, length):
     """An odd number of bytes is padded, and whoever recorded may have left a note."""
     note = b"note" + (5).to_bytes(4, "little") + b"rain\0\0"
     soundfile.write(tmp_path / "a.wav", SAMPLES[0, :length], 22050, subtype="PCM_24")
@@ -74,7 +71,7 @@ def test_other_chunks_and_odd_sizes_are_no_damage(tmp_path: Path, length: int) -
 
 
 @pytest.mark.parametrize(("width", "microphones"), [(16, 3), (24, 3), (16, 1)])
-def test_flac_is_the_same_as_wav(tmp_path: Path, width: int, microphones: int) -> None:
+def test_flac_is_the_same_as_wav(tmp_path, width, microphones):
     samples = SAMPLES[:microphones]
     whole = np.rint(samples.T * 2 ** (width - 1)).astype(np.int32) << (32 - width)
     for name in ("a.wav", "a.FLAC"):
@@ -88,9 +85,7 @@ def test_flac_is_the_same_as_wav(tmp_path: Path, width: int, microphones: int) -
 
 
 @pytest.mark.parametrize("broken", [None, OSError("sndfile library not found")])
-def test_without_soundfile_one_line_tells_what_to_install(
-    flac: Path, monkeypatch: pytest.MonkeyPatch, broken: OSError | None
-) -> None:
+def test_without_soundfile_one_line_tells_what_to_install(flac, monkeypatch, broken):
     """It may also be there without its library, which it says by another kind of error."""
     if broken is None:
         monkeypatch.setitem(sys.modules, "soundfile", None)
@@ -103,7 +98,7 @@ def test_without_soundfile_one_line_tells_what_to_install(
     assert refusal(flac.rename(flac.with_name("a b.flac"))) == f": FLAC needs soundfile; {advice}"
 
 
-def test_every_damage_is_an_error_or_harmless(flac: Path) -> None:
+def test_every_damage_is_an_error_or_harmless(flac):
     """FLAC has checksums: whatever bit is flipped, the samples are never others. Wherever it ends,
     it is refused."""
     data, whole = flac.read_bytes(), audio.read_recording(flac, 22050.0, shape=SHAPE)
@@ -132,14 +127,12 @@ def test_every_damage_is_an_error_or_harmless(flac: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("name", ["a.flac", "a.wav"])
-def test_a_recording_that_does_not_fit_is_refused(
-    tmp_path: Path, shape: tuple[int, int], rate: int, message: str, name: str
-) -> None:
+def test_a_recording_that_does_not_fit_is_refused(tmp_path, shape, rate, message, name):
     soundfile.write(tmp_path / name, np.zeros(shape[::-1]), rate)
     assert refusal(tmp_path / name) == message
 
 
-def test_what_is_declared_is_compared_before_anything_is_unpacked(tmp_path: Path) -> None:
+def test_what_is_declared_is_compared_before_anything_is_unpacked(tmp_path):
     """Twelve million samples of silence, 100 MB, in some kilobytes."""
     with soundfile.SoundFile(tmp_path / "bomb.flac", "w", 22050, 8) as file:
         for _ in range(15):
@@ -151,7 +144,7 @@ def test_what_is_declared_is_compared_before_anything_is_unpacked(tmp_path: Path
     tracemalloc.stop()
 
 
-def test_flac_of_unknown_length_is_refused(flac: Path) -> None:
+def test_flac_of_unknown_length_is_refused(flac):
     """As an encoder leaves it that could not go back to its header."""
     data = bytearray(flac.read_bytes())
     data[21] &= 0xF0
@@ -161,7 +154,7 @@ def test_flac_of_unknown_length_is_refused(flac: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["OGG", "WAV", "AIFF"])
-def test_another_format_is_not_read_for_its_name(tmp_path: Path, kind: str) -> None:
+def test_another_format_is_not_read_for_its_name(tmp_path, kind):
     """Of all that soundfile could read nothing but FLAC reaches it."""
     soundfile.write(tmp_path / "a.flac", SAMPLES.T, 22050, format=kind)
     assert (
@@ -169,7 +162,7 @@ def test_another_format_is_not_read_for_its_name(tmp_path: Path, kind: str) -> N
     )
 
 
-def test_flac_that_is_absent_or_too_large_is_named(tmp_path: Path) -> None:
+def test_flac_that_is_absent_or_too_large_is_named(tmp_path):
     assert refusal(tmp_path / "a.flac").startswith(": cannot be read as FLAC ([Errno 2]")
     (tmp_path / "b.flac").write_bytes(bytes(100_000))
     assert refusal(tmp_path / "b.flac") == "=100000 bytes: must be at most 75136 bytes"

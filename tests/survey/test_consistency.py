@@ -1,18 +1,15 @@
 """Walks that are not meant as they are written: told by echoes that do not move as poses do."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from echolearn.acoustics.types import Array
 from echolearn.survey.consistency import Heard, inconsistency
 
 SIZE = np.array([7.0, 5.0])
 """m of a room whose corner is the origin."""
 
 
-def walk(seed: int, *, count: int = 40) -> Heard:
+def walk(seed, *, count=40):
     """Return what is heard on a way that bends: three walls of four, a third of it wrong."""
     rng = np.random.default_rng(seed)
     turn = np.cumsum(rng.normal(0.0, 0.4, count))
@@ -30,7 +27,7 @@ def walk(seed: int, *, count: int = 40) -> Heard:
     return Heard(places, turn, distance, azimuth)
 
 
-FAULTS: dict[str, tuple[Callable[[Heard], Heard], str]] = {
+FAULTS = {
     "feet": (lambda x: x._replace(places=x.places / 0.3048), "x_m and y_m were in feet: are they?"),
     "centimetres": (lambda x: x._replace(places=100 * x.places), "were in cm: are they?"),
     "a compass": (
@@ -65,27 +62,27 @@ FAULTS: dict[str, tuple[Callable[[Heard], Heard], str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_what_is_wrong_with_the_poses_is_told(fault: str) -> None:
+def test_what_is_wrong_with_the_poses_is_told(fault):
     change, said = FAULTS[fault]
     line = inconsistency(change(walk(1)))
     assert said in line, line
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_of_sound_walks_nothing_is_said(seed: int) -> None:
+def test_of_sound_walks_nothing_is_said(seed):
     assert inconsistency(walk(seed)) == ""
 
 
-def still(heard: Heard) -> Heard:
+def still(heard):
     return heard._replace(places=np.zeros_like(heard.places))
 
 
 @pytest.mark.parametrize("change", [still, lambda x: x._replace(distance=np.nan * x.distance)])
-def test_nothing_is_said_where_nothing_tells(change: Callable[[Heard], Heard]) -> None:
+def test_nothing_is_said_where_nothing_tells(change):
     """A robot that stands still, or hears no wall."""
     assert inconsistency(change(walk(2))) == ""
 
 
-def test_a_single_pose_says_nothing() -> None:
-    alone: list[Array] = [each[:1] for each in walk(3)]
+def test_a_single_pose_says_nothing():
+    alone = [each[:1] for each in walk(3)]
     assert inconsistency(Heard(*alone)) == ""

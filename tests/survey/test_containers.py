@@ -1,25 +1,21 @@
 """Numbers that headers do not tell: all recordings of a survey are read as what they are."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.io import wavfile
 
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.acoustics.types import Array
 from echolearn.localization.localize import localize
 from echolearn.localization.methods.gated import Gated
 from echolearn.survey.health import examine, mended
 from echolearn.survey.reader import read_survey
-from echolearn.survey.survey import Survey
 from recorded_walks import PROBE, walk, write
 
 LOUD = 0.4
 """Of full scale: the loudest sample of a healthy walk."""
 
 
-def stored(survey: Survey, samples: Array, kind: str, *, names: tuple[str, ...] = ()) -> Survey:
+def stored(survey, samples, kind, *, names=()):
     """Store recordings (P, M, N) of -1 ... 1 in words or floats of a kind, by scipy."""
     for name, recording in zip(names or survey.files, samples, strict=True):
         bits = {"s24_32": 24, "s16_32": 16, "f16": 16, "f24": 24, "s32": 32, "msb24": 24}[kind]
@@ -32,7 +28,7 @@ def stored(survey: Survey, samples: Array, kind: str, *, names: tuple[str, ...] 
 
 
 @pytest.fixture
-def loud() -> Array:
+def loud():
     samples = walk(direct=False)[:4]
     return LOUD * samples / np.abs(samples).max()
 
@@ -48,9 +44,7 @@ def loud() -> Array:
         ("s32", ""),
     ],
 )
-def test_power_is_that_of_the_sound_however_it_is_stored(
-    kind: str, said: str, tmp_path: Path, loud: Array
-) -> None:
+def test_power_is_that_of_the_sound_however_it_is_stored(kind, said, tmp_path, loud):
     """One recording of the walk is silent enough that alone it would tell nothing."""
     loud[2] *= 1e-2
     plain = write(tmp_path / "plain", loud, direct=False)
@@ -66,7 +60,7 @@ def test_power_is_that_of_the_sound_however_it_is_stored(
     assert np.allclose(health.level_db, examine(plain).level_db, atol=0.1)
 
 
-def test_soft_sound_of_32_bits_is_left_alone(tmp_path: Path, loud: Array) -> None:
+def test_soft_sound_of_32_bits_is_left_alone(tmp_path, loud):
     """If a single sample of the walk is above 24 bits, all recordings have more."""
     samples = loud * 2.0**-9
     samples[1, 0, 100] = 2.0**-7
@@ -75,7 +69,7 @@ def test_soft_sound_of_32_bits_is_left_alone(tmp_path: Path, loud: Array) -> Non
     assert health.mended == () and health.containers.recordings.scale == 1.0
 
 
-def test_probe_and_noise_have_numbers_of_their_own(tmp_path: Path, loud: Array) -> None:
+def test_probe_and_noise_have_numbers_of_their_own(tmp_path, loud):
     """Noise is too soft to tell by itself, and is stored as the recordings are."""
     survey = stored(write(tmp_path, loud, direct=False), loud, "s24_32")
     hiss = 1e-3 * np.random.default_rng(3).standard_normal((1, 6, 9000))

@@ -1,9 +1,6 @@
 """What a stranger writes into `survey.yaml` and `poses.csv`: whatever is wrong is one line."""
 
 import re
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from by_hand import FILES, edit
-from echolearn.acoustics.types import Array, Pose
+from echolearn.acoustics.types import Pose
 from echolearn.checks import BadValue
 from echolearn.survey import floor_plan, reader
 from echolearn.survey.poses import poses_csv, read_poses
@@ -25,7 +22,7 @@ KEYS = (
 )
 
 
-def refusal(folder: Path, name: str) -> str:
+def refusal(folder, name):
     """Return what is said of a file of the survey."""
     with pytest.raises(BadValue) as refused:
         reader.read_survey(folder)
@@ -94,7 +91,7 @@ def refusal(folder: Path, name: str) -> str:
         ("direct_path", ..., "=missing"),
     ],
 )
-def test_bad_values_are_refused(folder: Path, key: str, value: Any, message: str) -> None:
+def test_bad_values_are_refused(folder, key, value, message):
     edit(folder, **{key: value})
     assert refusal(folder, "survey.yaml").startswith(f" {key}{message}")
 
@@ -111,18 +108,18 @@ def test_bad_values_are_refused(folder: Path, key: str, value: Any, message: str
         ("x" * 9999, f"{'x' * 100}: must"),
     ],
 )
-def test_keys_that_mean_nothing_are_refused(folder: Path, key: Any, message: str) -> None:
+def test_keys_that_mean_nothing_are_refused(folder, key, message):
     path = folder / "survey.yaml"
     path.write_text(path.read_text() + yaml.safe_dump({key: 1}, width=99999))
     assert refusal(folder, "survey.yaml").startswith(f" key={message}")
 
 
-def test_a_floor_plan_may_have_pillars_and_doors(folder: Path) -> None:
+def test_a_floor_plan_may_have_pillars_and_doors(folder):
     """A line that ends where it begins is closed; what is read is what is written."""
     pillar = [[2, 2], [3, 2], [3, 3], [2, 2]]
     edit(folder, walls=[[[1, 0], [6, 0], [6, 5], [0, 5], [0, 0]], pillar])
     walls = reader.read_survey(folder).walls
-    assert walls is not None and walls.shape == (7, 2, 2)
+    assert walls.shape == (7, 2, 2)
     assert walls[3].tolist() == [[0, 5], [0, 0]] and walls[6].tolist() == [[3, 3], [2, 2]]
     lines = floor_plan.plain_walls(walls)
     assert np.array_equal(floor_plan.sides(lines), walls)
@@ -147,7 +144,7 @@ VALUES = st.recursive(
 @settings(
     max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-def test_any_value_is_taken_or_refused_in_one_line(folder: Path, key: str, value: Any) -> None:
+def test_any_value_is_taken_or_refused_in_one_line(folder, key, value):
     before = (folder / "survey.yaml").read_text()
     edit(folder, **{key: value})
     try:
@@ -170,7 +167,7 @@ def test_any_value_is_taken_or_refused_in_one_line(folder: Path, key: str, value
         ("? [1]\n: 1\n", ": cannot be read"),
     ],
 )
-def test_text_that_misleads_is_refused(folder: Path, more: str, message: str) -> None:
+def test_text_that_misleads_is_refused(folder, more, message):
     path = folder / "survey.yaml"
     path.write_text(path.read_text() + more)
     assert refusal(folder, "survey.yaml").startswith(message)
@@ -191,7 +188,7 @@ def test_text_that_misleads_is_refused(folder: Path, more: str, message: str) ->
         "!x {}",
     ],
 )
-def test_text_that_is_no_survey_is_refused(folder: Path, text: str) -> None:
+def test_text_that_is_no_survey_is_refused(folder, text):
     (folder / "survey.yaml").write_text(text)
     assert refusal(folder, "survey.yaml")
 
@@ -260,7 +257,7 @@ COLUMNS = "the columns index,x_m,y_m,z_m,heading_rad,file"
         ("\x00\x01" + HEAD, ""),
     ],
 )
-def test_bad_poses_are_refused(folder: Path, text: str, message: str) -> None:
+def test_bad_poses_are_refused(folder, text, message):
     (folder / "poses.csv").write_text(text)
     assert refusal(folder, "poses.csv").startswith(message)
 
@@ -278,14 +275,14 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("cell", MISTAKES)
-def test_each_mistake_in_a_cell_has_a_hint_of_its_own(folder: Path, cell: str) -> None:
+def test_each_mistake_in_a_cell_has_a_hint_of_its_own(folder, cell):
     (folder / "poses.csv").write_text(HEAD + f"0,1,1,1,0,a\n1,1,{cell},1,0,b\n")
     assert refusal(folder, "poses.csv") == f" row 3 y_m={cell!r}: {MISTAKES[cell]}"
     (folder / "poses.csv").write_text(HEAD + "0,1,1,1,90\u00b0,a\n", encoding="utf-8")
     assert refusal(folder, "poses.csv").endswith("; is it in degrees?")
 
 
-def walked(headings: Array, places: Array, *, files: Sequence[str] = ()) -> str:
+def walked(headings, places, *, files=()):
     """Return a table of poses at those headings and places (P, 2)."""
     rows = zip(headings, places, files or [f"{k}.wav" for k in range(len(headings))], strict=True)
     lines = [f"{k},{x},{y},1,{angle},{file}\n" for k, (angle, (x, y), file) in enumerate(rows)]
@@ -313,7 +310,7 @@ DEGREES = {
 
 
 @pytest.mark.parametrize("name", DEGREES)
-def test_headings_in_degrees_are_refused_below_100_too(folder: Path, name: str) -> None:
+def test_headings_in_degrees_are_refused_below_100_too(folder, name):
     headings, places = DEGREES[name]
     (folder / "poses.csv").write_text(walked(headings, places))
     said = refusal(folder, "poses.csv")
@@ -335,7 +332,7 @@ RADIANS = {
 
 @pytest.mark.parametrize("name", RADIANS)
 @pytest.mark.parametrize("shuffled", [False, True])
-def test_headings_in_rad_are_taken_as_they_are(folder: Path, name: str, shuffled: bool) -> None:
+def test_headings_in_rad_are_taken_as_they_are(folder, name, shuffled):
     """In whatever order the rows stand."""
     headings, places = RADIANS[name]
     head, *rows = walked(headings, places).splitlines(keepends=True)
@@ -355,13 +352,13 @@ def test_headings_in_rad_are_taken_as_they_are(folder: Path, name: str, shuffled
         (walked([0.0, 0.1], STILL[:2], files=["a", "a"]), " file=a, 2 times: must name"),
     ],
 )
-def test_what_no_robot_walks_is_refused(folder: Path, text: str, message: str) -> None:
+def test_what_no_robot_walks_is_refused(folder, text, message):
     (folder / "poses.csv").write_text(text)
     assert refusal(folder, "poses.csv").startswith(message)
 
 
 @pytest.mark.parametrize("empty", [",,,,,", ", ,,\t,, ", ",,,,,,,", "\r"])
-def test_rows_without_a_cell_are_no_poses(folder: Path, empty: str) -> None:
+def test_rows_without_a_cell_are_no_poses(folder, empty):
     path = folder / "poses.csv"
     head, *rows = path.read_text().splitlines()
     path.write_text("\r\n".join([head, empty, rows[0], empty, rows[1], empty, empty]), newline="")
@@ -369,7 +366,7 @@ def test_rows_without_a_cell_are_no_poses(folder: Path, empty: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["3.43e2", "3.43E+2", "343e0", "+3430e-1", ".343e3", "343.e0"])
-def test_exponents_are_numbers(folder: Path, text: str) -> None:
+def test_exponents_are_numbers(folder, text):
     path = folder / "survey.yaml"
     path.write_text(re.sub("(?<=speed_of_sound: ).*", text, path.read_text()))
     path.write_text(path.read_text().replace("- - 0.2\n", "- - 2e-1\n"))
@@ -378,7 +375,7 @@ def test_exponents_are_numbers(folder: Path, text: str) -> None:
     assert survey.array.positions[0].tolist() == [0.2, 0.0, 0.0]
 
 
-def test_spreadsheets_may_begin_with_a_mark_and_set_blanks(folder: Path) -> None:
+def test_spreadsheets_may_begin_with_a_mark_and_set_blanks(folder):
     text = (
         f"\ufeffindex, x_m , y_m, z_m, heading_rad, file\r\n7, 1.0, 2, 1.5, -3e-1, {FILES[0]},\r\n"
     )
@@ -388,7 +385,7 @@ def test_spreadsheets_may_begin_with_a_mark_and_set_blanks(folder: Path) -> None
     assert survey.poses[0].position.tolist() == [1.0, 2.0, 1.5]
 
 
-def test_how_far_poses_may_be_off_can_be_told(folder: Path) -> None:
+def test_how_far_poses_may_be_off_can_be_told(folder):
     """Each by a column of its own, in any order; unless told, not at all."""
     survey = reader.read_survey(folder)
     assert survey.heading_bias_sd == survey.poses[0].heading_sd == survey.poses[0].position_sd == 0
@@ -399,7 +396,7 @@ def test_how_far_poses_may_be_off_can_be_told(folder: Path) -> None:
     assert (survey.poses[0].position_sd, survey.poses[0].heading_sd) == (0.0, 0.1)
 
 
-def test_headings_and_positions_are_written_to_the_last_digit() -> None:
+def test_headings_and_positions_are_written_to_the_last_digit():
     text = poses_csv([Pose(np.array([1 / 3, 0.1 + 0.2, 1e-9]), np.pi)], ["a.wav"]).decode()
     expected = "0,0.3333333333333333,0.30000000000000004,1e-09,3.141592653589793,a.wav"
     assert text.splitlines()[1] == expected

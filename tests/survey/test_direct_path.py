@@ -17,7 +17,7 @@ PROBE = noise_probe(length=6000)
 ARRAY = circular_array()
 
 
-def test_whole_samples_are_shifts() -> None:
+def test_whole_samples_are_shifts():
     """Ten samples of way: the burst, ten samples later."""
     array = MicArray(np.array([[10 * 343.0 / 22050.0, 0, 0], [0, 0, 0]]))
     arrived = direct_path.delayed(PROBE, array, speed_of_sound=343.0)
@@ -26,7 +26,7 @@ def test_whole_samples_are_shifts() -> None:
     assert np.allclose(arrived[1], padded, atol=1e-9)
 
 
-def test_a_tone_arrives_with_the_phase_of_its_way() -> None:
+def test_a_tone_arrives_with_the_phase_of_its_way():
     """Half a sample, say, which no shift can give."""
     n = np.arange(2000)
     tone = Probe(np.sin(2 * np.pi * 0.05 * n) * np.hanning(2000), 22050.0, 4000)
@@ -39,7 +39,7 @@ def test_a_tone_arrives_with_the_phase_of_its_way() -> None:
 
 
 @pytest.mark.parametrize("gain", [0.01, 1.0, 30.0])
-def test_whatever_the_gain_nothing_is_left_of_it(gain: float) -> None:
+def test_whatever_the_gain_nothing_is_left_of_it(gain):
     arrived = direct_path.delayed(PROBE, ARRAY, speed_of_sound=343.0)
     sensitivity = gain * np.array([1.0, 0.7, 1.4, 1.0, 0.9, -1.1])[:, None]
     left = direct_path.remove(sensitivity * arrived, arrived)
@@ -50,10 +50,10 @@ def test_whatever_the_gain_nothing_is_left_of_it(gain: float) -> None:
     )
 
 
-def test_a_simulated_room_sounds_as_if_there_had_been_none() -> None:
+def test_a_simulated_room_sounds_as_if_there_had_been_none():
     """The simulation's own direct path is another computation: image sources on an oversampled
     grid."""
-    scene = Scene(ARRAY, PROBE, Images(), None)  # type: ignore[arg-type]
+    scene = Scene(ARRAY, PROBE, Images(), None)
     room, pose = Room((6.0, 5.0, 4.0), 0.25), Pose(np.array([1.4, 2.5, 2.0]), 0.7)
     received = scene.received(room, pose)
     without = received - scene.direct
@@ -66,7 +66,7 @@ def test_a_simulated_room_sounds_as_if_there_had_been_none() -> None:
     assert np.abs(matched_filter(left, PROBE, first=5, last=25)).max() < 0.05 * np.abs(early).max()
 
 
-def test_a_batch_is_each_of_it_and_nothing_is_changed_in_place() -> None:
+def test_a_batch_is_each_of_it_and_nothing_is_changed_in_place():
     samples = np.random.default_rng(0).standard_normal((3, 6, 6000))
     before = samples.copy()
     arrived = direct_path.delayed(PROBE, ARRAY, speed_of_sound=343.0)
@@ -76,7 +76,7 @@ def test_a_batch_is_each_of_it_and_nothing_is_changed_in_place() -> None:
     assert np.array_equal(samples, before)
 
 
-def test_another_speed_of_sound_is_another_time() -> None:
+def test_another_speed_of_sound_is_another_time():
     slow = direct_path.delayed(PROBE, ARRAY, speed_of_sound=171.5)
     wide = replace(ARRAY, positions=2 * ARRAY.positions)
     assert np.allclose(slow, direct_path.delayed(PROBE, wide, speed_of_sound=343.0))

@@ -1,7 +1,5 @@
 """What arrives before the first echo: fitted as long sums say, then gone, and nothing else."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,7 +9,7 @@ import direct_paths
 from echolearn.acoustics.geometry import SearchWindow, circular_array
 from echolearn.acoustics.probes import mls_probe, sweep_probe
 from echolearn.acoustics.signals import convolve, matched_filter, noise_probe, power
-from echolearn.acoustics.types import Array, MicArray, Probe
+from echolearn.acoustics.types import MicArray, Probe
 from echolearn.checks import BadValue
 from echolearn.survey import direct_path
 from echolearn.survey.early import early_lags, early_responses, without_early
@@ -23,7 +21,7 @@ ECHO = 180
 """Lag of an echo in the search window."""
 
 
-def heard(*parts: tuple[int, float], probe: Probe = PROBE, length: int = 400) -> Array:
+def heard(*parts, probe=PROBE, length=400):
     """Return the burst at some lags, each with its gain, shape (N,)."""
     response = np.zeros(length)
     for lag, gain in parts:
@@ -31,7 +29,7 @@ def heard(*parts: tuple[int, float], probe: Probe = PROBE, length: int = 400) ->
     return convolve(probe.samples, response, length=probe.length)
 
 
-def test_all_lags_from_the_direct_path_to_the_window_are_fitted() -> None:
+def test_all_lags_from_the_direct_path_to_the_window_are_fitted():
     """0.2 m are 12.9 samples; what microphone 1 hears after 115.7 others hear 25.7 before."""
     assert LAGS == (12 - 6, 90 - 8)
     beside = MicArray(np.array([[0.0, 0, 0], [0.1, 0, 0]]))
@@ -41,7 +39,7 @@ def test_all_lags_from_the_direct_path_to_the_window_are_fitted() -> None:
     assert early_lags(PROBE, ARRAY, window=near, speed_of_sound=343.0) == (6, 12 + 6)
 
 
-def test_a_microphone_that_the_burst_does_not_reach_is_refused() -> None:
+def test_a_microphone_that_the_burst_does_not_reach_is_refused():
     brief = noise_probe(burst=16, length=18)
     with pytest.raises(BadValue, match="microphones=0.2 m: must hear the direct path within"):
         early_lags(brief, ARRAY, window=SearchWindow(), speed_of_sound=343.0)
@@ -52,7 +50,7 @@ def test_a_microphone_that_the_burst_does_not_reach_is_refused() -> None:
     [((0, 30), 0, 400), ((6, 30), 0, 400), ((0, 30), 9, 400), ((4, 25), 17, 105), ((0, 40), 3, 90)],
     ids=["whole", "later", "lost", "lost and cut", "cut"],
 )
-def test_responses_are_those_of_a_long_sum(lags: tuple[int, int], lost: int, length: int) -> None:
+def test_responses_are_those_of_a_long_sum(lags, lost, length):
     """Against a table of all copies of the burst, whatever of them was recorded."""
     rng = np.random.default_rng(3)
     probe = Probe(rng.standard_normal(80), 22050.0, length)
@@ -69,7 +67,7 @@ def test_responses_are_those_of_a_long_sum(lags: tuple[int, int], lost: int, len
 
 
 @given(st.lists(st.floats(-30, 30), min_size=1, max_size=LAGS[1] - LAGS[0]))
-def test_whatever_comes_early_nothing_is_left_of_it(gains: list[float]) -> None:
+def test_whatever_comes_early_nothing_is_left_of_it(gains):
     """A loudspeaker that rings, a robot's own body: the echo is as if they were not there."""
     quiet = heard((ECHO, 0.1))
     early = heard(*((LAGS[0] + k, gain) for k, gain in enumerate(gains)))
@@ -80,7 +78,7 @@ def test_whatever_comes_early_nothing_is_left_of_it(gains: list[float]) -> None:
     assert np.abs(r).argmax() == ECHO - LAGS[1] - 8
 
 
-def test_where_nothing_comes_early_an_echo_and_noise_stay_what_they_are() -> None:
+def test_where_nothing_comes_early_an_echo_and_noise_stay_what_they_are():
     """All lags would take 7 % of the energy under the burst with them."""
     rng = np.random.default_rng(5)
     noisy = heard((ECHO, 0.3)) + rng.standard_normal((40, PROBE.length))
@@ -94,7 +92,7 @@ def test_where_nothing_comes_early_an_echo_and_noise_stay_what_they_are() -> Non
     assert power(taken).sum() > 0.01 * power(noisy).sum()
 
 
-def test_a_loudspeaker_that_rings_is_removed_where_geometry_leaves_half() -> None:
+def test_a_loudspeaker_that_rings_is_removed_where_geometry_leaves_half():
     rings = 0.8 ** np.arange(40)
     # Whole samples away, so that nothing rings for ever between them.
     ring = circular_array(radius=13 * 343.0 / 22050.0)
@@ -106,7 +104,7 @@ def test_a_loudspeaker_that_rings_is_removed_where_geometry_leaves_half() -> Non
     assert power(left).mean() < 1e-5 * power(rung).mean()
 
 
-def test_what_was_lost_is_not_there_to_be_subtracted() -> None:
+def test_what_was_lost_is_not_there_to_be_subtracted():
     whole = heard((13, 1.0), (40, 0.3))
     cut = np.where(np.arange(PROBE.length) < 25, 0.0, whole)
     left = without_early(cut, PROBE, lags=LAGS, lost=25)
@@ -115,9 +113,7 @@ def test_what_was_lost_is_not_there_to_be_subtracted() -> None:
     assert power(without_early(cut, PROBE, lags=LAGS)) > 100 * power(left)
 
 
-def test_a_loudspeaker_that_rings_leaves_the_echoes_of_a_room_where_they_are(
-    tmp_path: Path,
-) -> None:
+def test_a_loudspeaker_that_rings_leaves_the_echoes_of_a_room_where_they_are(tmp_path):
     """In silence: what the table of direct paths shows of a hundred poses and more, of eight."""
     poses = direct_paths.places(8, np.random.default_rng(4))
     heard_there = direct_paths.case(direct_paths.CASES["all of these"], poses)
@@ -130,7 +126,7 @@ def test_a_loudspeaker_that_rings_leaves_the_echoes_of_a_room_where_they_are(
     assert not right["fitted"].all()
 
 
-def test_measured_responses_are_as_a_robot_would_record_them() -> None:
+def test_measured_responses_are_as_a_robot_would_record_them():
     """The direct sound of a pulse from the array's middle, within a sample of the way."""
     recorded = direct_paths.measured()
     assert recorded.received.shape == (90, 6, direct_paths.PROBE.length)
@@ -150,7 +146,7 @@ LONG = {
 
 
 @pytest.mark.parametrize("name", LONG)
-def test_of_a_long_burst_the_direct_path_is_subtracted_while_it_lasts(name: str) -> None:
+def test_of_a_long_burst_the_direct_path_is_subtracted_while_it_lasts(name):
     """As loud as a burst of 1500 samples of noise, and the echo is found as with that."""
     for probe in (LONG[name], PROBE):
         scale = np.sqrt(PROBE.energy / probe.energy)
@@ -166,7 +162,7 @@ def test_of_a_long_burst_the_direct_path_is_subtracted_while_it_lasts(name: str)
         assert power(left).mean() < 2e-3 * power(noisy).mean()
 
 
-def test_a_batch_is_each_of_it_silence_stays_and_nothing_is_changed_in_place() -> None:
+def test_a_batch_is_each_of_it_silence_stays_and_nothing_is_changed_in_place():
     samples = np.random.default_rng(0).standard_normal((3, 6, 6000)) + heard((13, 2.0))
     samples[1, 2] = 0.0
     before = samples.copy()

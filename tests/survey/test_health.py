@@ -2,39 +2,35 @@
 refused, with its number."""
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.simulation.walk import trajectory
 from echolearn.survey import audio
-from echolearn.survey.health import Health, examine, mended
+from echolearn.survey.health import examine, mended
 from echolearn.survey.mending import taken_off
 from echolearn.survey.reader import read_survey
-from echolearn.survey.survey import Survey
-from recorded_walks import PROBE, ROOM, SCENE, TIME, Change, walk, write
+from recorded_walks import PROBE, ROOM, SCENE, TIME, walk, write
 from sound_walks import examined
 
 
-def late(*samples: int) -> Change:
+def late(*samples):
     """Return the change that delays recordings by so many samples, one after the other."""
 
-    def change(walk: Array) -> Array:
+    def change(walk):
         lags = np.resize(samples, len(walk))
         return np.stack([taken_off(each, -lag) for each, lag in zip(walk, lags, strict=True)])
 
     return change
 
 
-def at(microphone: int, change: Change, *, recordings: slice = slice(None)) -> Change:
+def at(microphone, change, *, recordings=slice(None)):
     """Return the change of one microphone's samples (P, N), in some recordings."""
 
-    def changed(walk: Array) -> Array:
+    def changed(walk):
         walk = walk.copy()
         walk[recordings, microphone - 1] = change(walk[recordings, microphone - 1])
         return walk
@@ -42,10 +38,10 @@ def at(microphone: int, change: Change, *, recordings: slice = slice(None)) -> C
     return changed
 
 
-def swapped(first: int, second: int, recordings: slice) -> Change:
+def swapped(first, second, recordings):
     """Return the change that exchanges two microphones in some recordings."""
 
-    def change(walk: Array) -> Array:
+    def change(walk):
         walk = walk.copy()
         pair = [first - 1, second - 1]
         walk[recordings, pair] = walk[recordings, pair[::-1]]
@@ -54,7 +50,7 @@ def swapped(first: int, second: int, recordings: slice) -> Change:
     return change
 
 
-def leaking(gain: float, *, alone: bool = False) -> Change:
+def leaking(gain, *, alone=False):
     """Return the change that lets microphone 2 leak into microphone 3, or be all it has."""
     mixing = np.eye(6)
     mixing[2, 1] = gain
@@ -62,17 +58,17 @@ def leaking(gain: float, *, alone: bool = False) -> Change:
     return lambda walk: mixing @ walk
 
 
-def stretch(walk: Array, recording: int, *, start: int, put: Array | float) -> Array:
+def stretch(walk, recording, *, start, put):
     """Return recordings with 256 samples of one of them replaced."""
     walk = walk.copy()
     walk[recording, :, start : start + 256] = put
     return walk
 
 
-def dropped(count: int, at: int, recordings: slice) -> Change:
+def dropped(count, at, recordings):
     """Return the change that loses so many samples from some recordings, silence at their end."""
 
-    def change(walk: Array) -> Array:
+    def change(walk):
         rest = walk[recordings, :, at + count :]
         walk = walk.copy()
         walk[recordings, :, at:] = np.pad(rest, ((0, 0), (0, 0), (0, count)))
@@ -81,7 +77,7 @@ def dropped(count: int, at: int, recordings: slice) -> Change:
     return change
 
 
-def hum(level: float, *hertz: float) -> Array:
+def hum(level, *hertz):
     """Return tones of so many times the walk's rms, the second and others softer, shape (N,)."""
     rms = walk(direct=False).std()
     heights = np.array([1.0, 0.3, 0.1])[: len(hertz)]
@@ -89,20 +85,20 @@ def hum(level: float, *hertz: float) -> Array:
     return level * np.sqrt(2) * rms * (heights @ tones)
 
 
-def clipped(walk: Array) -> Array:
+def clipped(walk):
     limit = walk[..., :1500].std()
     return np.clip(walk, -limit, limit)
 
 
-def burst(lag: int) -> Array:
+def burst(lag):
     return taken_off(np.pad(PROBE.samples, (0, PROBE.length - len(PROBE.samples))), -lag)
 
 
-def hiss(walk: Array) -> Array:
+def hiss(walk):
     return walk.std() * np.random.default_rng(9).standard_normal(walk.shape)
 
 
-MENDED: dict[str, tuple[bool, Change, str]] = {
+MENDED = {
     "one sample late": (True, late(1), "arrives 1.0 samples .* later than geometry says; taken"),
     "3200 samples late": (True, late(3200), "arrives 3200.0 samples .145 ms. later"),
     "late by a part of a sample": (True, late(0.5), "arrives 0.5 samples"),
@@ -137,7 +133,7 @@ MENDED: dict[str, tuple[bool, Change, str]] = {
 }
 """Faults that are mended: whether the direct path is present, what is done, and what is said."""
 
-REFUSED: dict[str, tuple[bool, Change, str]] = {
+REFUSED = {
     "one channel late": (
         True,
         at(4, late(1)),
@@ -243,7 +239,7 @@ REFUSED: dict[str, tuple[bool, Change, str]] = {
 
 @pytest.mark.parametrize("direct", [True, False])
 @pytest.mark.parametrize("snr_db", [40.0, 20.0, 0.0, -10.0, -20.0])
-def test_sound_walks_are_left_alone(direct: bool, snr_db: float, tmp_path: Path) -> None:
+def test_sound_walks_are_left_alone(direct, snr_db, tmp_path):
     """However noisy they are."""
     survey = write(tmp_path / "walk", walk(direct=direct, snr_db=snr_db), direct=direct)
     health = examine(survey)
@@ -260,7 +256,7 @@ def test_sound_walks_are_left_alone(direct: bool, snr_db: float, tmp_path: Path)
 
 
 @pytest.mark.parametrize("fault", MENDED)
-def test_what_is_mended_is_as_if_it_had_never_been(fault: str, tmp_path: Path) -> None:
+def test_what_is_mended_is_as_if_it_had_never_been(fault, tmp_path):
     direct, change, said = MENDED[fault]
     healthy = walk(direct=direct)
     survey = write(tmp_path / "faulty", change(healthy), direct=direct)
@@ -276,7 +272,7 @@ def test_what_is_mended_is_as_if_it_had_never_been(fault: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("fault", REFUSED)
-def test_what_cannot_be_mended_is_refused_with_its_number(fault: str, tmp_path: Path) -> None:
+def test_what_cannot_be_mended_is_refused_with_its_number(fault, tmp_path):
     direct, change, said = REFUSED[fault]
     survey = write(tmp_path / "faulty", change(walk(direct=direct)), direct=direct)
     health = examine(survey)
@@ -292,9 +288,7 @@ def test_what_cannot_be_mended_is_refused_with_its_number(fault: str, tmp_path: 
         ((5, 6), slice(24), False, 10),
     ],
 )
-def test_exchanged_microphones_are_found_along_a_walk(
-    pair: tuple[int, int], recordings: slice, direct: bool, snr_db: float, tmp_path: Path
-) -> None:
+def test_exchanged_microphones_are_found_along_a_walk(pair, recordings, direct, snr_db, tmp_path):
     """Also neighbours, and those that were exchanged on the way."""
     poses = trajectory(ROOM, poses=24)
     plain = walk(direct=direct, snr_db=snr_db, poses=24)
@@ -304,14 +298,14 @@ def test_exchanged_microphones_are_found_along_a_walk(
     assert line.startswith(named) and "were plugs exchanged?" in line
 
 
-def test_where_noise_hides_the_direct_path_nothing_is_refused(tmp_path: Path) -> None:
+def test_where_noise_hides_the_direct_path_nothing_is_refused(tmp_path):
     survey = write(tmp_path / "walk", walk(direct=True, snr_db=-40), direct=True)
     health = examine(survey)
     assert "not measurable at this SNR" in health.time_zero
     assert not health.refused and np.isnan(health.latency_samples).mean() > 0.9
 
 
-def test_echoes_that_are_mostly_negative_are_told(tmp_path: Path) -> None:
+def test_echoes_that_are_mostly_negative_are_told(tmp_path):
     """Without a direct path it may be walls that turn them."""
     health = examine(write(tmp_path / "walk", -walk(direct=False), direct=False))
     [line] = health.noticed
@@ -319,7 +313,7 @@ def test_echoes_that_are_mostly_negative_are_told(tmp_path: Path) -> None:
     assert health.negative_echoes == 1.0 and not health.refused and not health.mended
 
 
-def test_a_soft_microphone_is_told_and_mended_by_gains_only(tmp_path: Path) -> None:
+def test_a_soft_microphone_is_told_and_mended_by_gains_only(tmp_path):
     softer = np.where(np.arange(6) == 2, 10 ** (-38 / 20), 1.0)[:, None]
     survey = write(tmp_path / "walk", softer * walk(direct=False), direct=False)
     health = examine(survey)
@@ -330,21 +324,21 @@ def test_a_soft_microphone_is_told_and_mended_by_gains_only(tmp_path: Path) -> N
     assert examine(replace(survey, gains=gains)).noticed == ()
 
 
-def test_a_microphone_that_is_left_out_is_not_judged(tmp_path: Path) -> None:
+def test_a_microphone_that_is_left_out_is_not_judged(tmp_path):
     survey = write(tmp_path / "walk", at(3, lambda x: 0 * x)(walk(direct=True)), direct=True)
     without = replace(survey, gains=np.array([1.0, 1, 0, 1, 1, 1]))
     health = examine(without)
     assert not health.refused and health.verdicts[2] == "left out"
 
 
-def calibrated(survey: Survey, lag: int) -> Survey:
+def calibrated(survey, lag):
     """Return a survey with a calibration that is twice as late as its recordings."""
     recorded = audio.wav_bytes(taken_off(SCENE.direct, -2 * lag), PROBE.sample_rate)
     (survey.folder / "calibration.wav").write_bytes(recorded)
     return read_survey(survey.folder)
 
 
-def test_the_calibration_may_be_late_by_itself(tmp_path: Path) -> None:
+def test_the_calibration_may_be_late_by_itself(tmp_path):
     wanted, survey = (
         calibrated(write(tmp_path / str(lag), late(lag)(walk(direct=True)), direct=True), lag)
         for lag in (0, 5)
@@ -366,9 +360,7 @@ def test_the_calibration_may_be_late_by_itself(tmp_path: Path) -> None:
         (lambda y: np.where(np.arange(6)[:, None] == 2, np.roll(y, 9), y), "microphone 3=9.0 samp"),
     ],
 )
-def test_a_calibration_without_the_direct_path_is_refused(
-    change: Callable[[Array], Array], said: str, tmp_path: Path
-) -> None:
+def test_a_calibration_without_the_direct_path_is_refused(change, said, tmp_path):
     survey = calibrated(write(tmp_path / "walk", walk(direct=True), direct=True), 0)
     recorded = audio.wav_bytes(change(SCENE.direct), PROBE.sample_rate)
     (survey.folder / "calibration.wav").write_bytes(recorded)
@@ -377,7 +369,7 @@ def test_a_calibration_without_the_direct_path_is_refused(
     assert said in line
 
 
-def test_clocks_that_drift_are_measured(tmp_path: Path) -> None:
+def test_clocks_that_drift_are_measured(tmp_path):
     """A player that is one in a thousand faster is heard so."""
     places = np.arange(PROBE.length) * (1 + 1e-3)
     played = [[np.interp(places, np.arange(PROBE.length), x) for x in y] for y in walk(direct=True)]
@@ -386,11 +378,11 @@ def test_clocks_that_drift_are_measured(tmp_path: Path) -> None:
     assert not health.refused
 
 
-def test_levels_are_those_of_the_probe(tmp_path: Path) -> None:
+def test_levels_are_those_of_the_probe(tmp_path):
     """Offset and hum are 20 dB louder, and change neither level nor noise."""
     quiet = walk(direct=False)
     plain = examine(write(tmp_path / "plain", quiet, direct=False))
-    loud: Health = examine(write(tmp_path / "loud", quiet + hum(10.0, 50) + 0.2, direct=False))
+    loud = examine(write(tmp_path / "loud", quiet + hum(10.0, 50) + 0.2, direct=False))
     assert np.allclose(loud.level_db, plain.level_db, atol=0.2)
     assert np.allclose(loud.noise_db, plain.noise_db, atol=0.5)
     assert loud.hum_hz == pytest.approx(50, abs=0.1) and loud.hum_db.max() == pytest.approx(
@@ -398,7 +390,7 @@ def test_levels_are_those_of_the_probe(tmp_path: Path) -> None:
     )
 
 
-def test_the_burst_as_the_loudspeaker_plays_it_is_told(tmp_path: Path) -> None:
+def test_the_burst_as_the_loudspeaker_plays_it_is_told(tmp_path):
     survey = write(tmp_path / "walk", walk(direct=True), direct=True)
     [line] = examine(replace(survey, played="walk")).mended
     assert line.startswith("played=walk: echoes are sought by the burst as the loudspeaker plays")
@@ -407,6 +399,6 @@ def test_the_burst_as_the_loudspeaker_plays_it_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", [6000, 6001])
-def test_under_rotors_that_drown_the_burst_nothing_is_called_lost(seed: int) -> None:
+def test_under_rotors_that_drown_the_burst_nothing_is_called_lost(seed):
     """Noise that is not white disturbs some pieces of the direct path more than others."""
     assert examined(seed, snr_db=-20.0, rotors=True, direct=True).refused == ()

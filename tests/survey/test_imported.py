@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from echolearn.acoustics.signals import matched_filter, noise_probe
-from echolearn.acoustics.types import Array, MicArray, Pose, Truth
+from echolearn.acoustics.types import MicArray, Pose, Truth
 from echolearn.checks import BadValue
 from echolearn.storage import manifests
 from echolearn.survey import audio, imported
@@ -37,7 +37,7 @@ LATE = 0.004
 """s into its file at which the sound of `Points` leaves the loudspeaker."""
 
 
-def pulses(paths: Array, gains: Array) -> Array:
+def pulses(paths, gains):
     """Return responses (M, K) of echoes with these paths (M, W) in m, band-limited."""
     times = (LATE + paths / SPEED) * RATE
     n = np.arange(1200)
@@ -50,7 +50,7 @@ class Points:
 
     budget: int = 10**9
 
-    def read(self, folder: Path | None) -> Measurements:
+    def read(self, folder):
         """Return one response by images 3.1 and 5.3 m away, beside the direct sound."""
         images = np.array([[3.1, 0.0, 0.0], [0.0, -5.3, 0.0]])
         sources = np.vstack([LOUDSPEAKER, images])
@@ -69,19 +69,19 @@ class Points:
         return Measurements("points", [response], MicArray(SQUARE), RATE, SPEED, credits)
 
 
-def imported_points(runs: Path, **changes: object) -> Path:
+def imported_points(runs, **changes):
     """Import the two walls."""
     usual = {"name": "points", "source": Points(), "folder": None, "probe": PROBE, "runs": runs}
-    return imported.import_survey(**usual | changes)  # type: ignore[arg-type]
+    return imported.import_survey(**usual | changes)
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def contents(folder):
     """Return every file by name."""
     files = [path for path in folder.rglob("*") if path.is_file()]
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
-def test_true_echoes_stand_where_the_matched_filter_has_its_crests(tmp_path: Path) -> None:
+def test_true_echoes_stand_where_the_matched_filter_has_its_crests(tmp_path):
     """In all three recordings, whatever is moved and amplified; the direct sound is gone."""
     survey = read_survey(imported_points(tmp_path, snr_db=None))
     assert not survey.mapped and survey.direct is None and survey.walls is None
@@ -90,7 +90,6 @@ def test_true_echoes_stand_where_the_matched_filter_has_its_crests(tmp_path: Pat
         "condition": ("bare",) * 3,
         "start_m": ("0.0", "2.0", "4.0"),
     }
-    assert survey.truth is not None
     energy = []
     for pose, (start, truth) in enumerate(zip((0.0, 2.0, 4.0), survey.truth, strict=True)):
         samples = survey.observe([pose]).samples[0, 0]
@@ -106,7 +105,7 @@ def test_true_echoes_stand_where_the_matched_filter_has_its_crests(tmp_path: Pat
     assert energy[1] / energy[0] == pytest.approx((5 / 3) ** 2, rel=0.01)
 
 
-def test_noise_has_its_level_against_the_direct_sound_at_a_fifth_of_a_metre(tmp_path: Path) -> None:
+def test_noise_has_its_level_against_the_direct_sound_at_a_fifth_of_a_metre(tmp_path):
     quiet = read_survey(imported_points(tmp_path, name="quiet", snr_db=None))
     noisy = read_survey(imported_points(tmp_path, name="noisy", snr_db=6.0))
     noise = noisy.observe([1]).samples - quiet.observe([1]).samples
@@ -118,12 +117,9 @@ def test_noise_has_its_level_against_the_direct_sound_at_a_fifth_of_a_metre(tmp_
     assert abs(np.corrcoef(noise.ravel(), another.ravel())[0, 1]) < 0.05
 
 
-def test_without_a_protocol_the_response_is_as_it_was_and_its_direct_path_can_be_removed(
-    tmp_path: Path,
-) -> None:
+def test_without_a_protocol_the_response_is_as_it_was_and_its_direct_path_can_be_removed(tmp_path):
     survey = read_survey(imported_points(tmp_path, protocol="none", snr_db=None))
     assert survey.direct == "fir" and len(survey.poses) == 1
-    assert survey.loudspeakers is not None and survey.truth is not None
     assert np.allclose(survey.loudspeakers, [LOUDSPEAKER])
     whole = survey.recording(0)
     rest = survey.observe([0]).samples[0]
@@ -137,19 +133,19 @@ def test_without_a_protocol_the_response_is_as_it_was_and_its_direct_path_can_be
 
 
 @given(lag=st.floats(-40.0, 40.0))
-def test_what_is_moved_is_what_a_later_pulse_would_have_been(lag: float) -> None:
+def test_what_is_moved_is_what_a_later_pulse_would_have_been(lag):
     n = np.arange(400)
     found = moved(np.sinc(n - 200.0)[None], lag)[0, :360]
     assert np.abs(found - np.sinc(n[:360] - 200.0 - lag)).max() < 0.01
 
 
-def test_a_take_begins_after_the_echoes_that_it_has_not() -> None:
+def test_a_take_begins_after_the_echoes_that_it_has_not():
     [response] = Points().read(None).responses
     truth = Take(response, 4.0, gated=True).truth(SPEED)
     assert truth.toa == pytest.approx([(np.linalg.norm([0.03, 5.3]) - 4.0) / SPEED])
 
 
-def test_poses_without_an_echo_in_the_window_are_left_out_where_a_source_says_so() -> None:
+def test_poses_without_an_echo_in_the_window_are_left_out_where_a_source_says_so():
     measured = Points().read(None)
     some = replace(measured, within=(2.5, 3.2))
     assert [take.start for take in takes(measured, "pose")] == [0.0, 2.0, 4.0]
@@ -159,7 +155,7 @@ def test_poses_without_an_echo_in_the_window_are_left_out_where_a_source_says_so
 # ---------------------------------------------------------------- promises
 
 
-def test_importing_again_gives_the_same_bytes_and_leaves_them_alone(tmp_path: Path) -> None:
+def test_importing_again_gives_the_same_bytes_and_leaves_them_alone(tmp_path):
     first = imported_points(tmp_path / "a")
     before = {path: path.stat().st_mtime_ns for path in first.rglob("*")}
     assert imported_points(tmp_path / "a") == first
@@ -173,15 +169,15 @@ def test_importing_again_gives_the_same_bytes_and_leaves_them_alone(tmp_path: Pa
     assert credits["attribution"] == read_survey(first).conditions["attribution"] == "a test"
 
 
-def test_an_import_that_was_killed_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_import_that_was_killed_goes_on(tmp_path, monkeypatch):
     whole = contents(imported_points(tmp_path / "whole"))
-    made: list[float] = []
+    made = []
 
-    def mortal(take: Take, *arguments: object, **more: object) -> Array:
+    def mortal(take, *arguments, **more):
         made.append(take.start)
         if len(made) == 3:
             raise KeyboardInterrupt
-        return recorded_take(take, *arguments, **more)  # type: ignore[arg-type]
+        return recorded_take(take, *arguments, **more)
 
     monkeypatch.setattr(imported, "recorded_take", mortal)
     with pytest.raises(KeyboardInterrupt):
@@ -191,7 +187,7 @@ def test_an_import_that_was_killed_goes_on(tmp_path: Path, monkeypatch: pytest.M
     assert made == [0.0, 2.0, 4.0, 4.0]
 
 
-def test_recordings_of_another_origin_are_never_overwritten(tmp_path: Path) -> None:
+def test_recordings_of_another_origin_are_never_overwritten(tmp_path):
     folder = tmp_path / "survey" / "points"
     folder.mkdir(parents=True)
     (folder / "poses.csv").write_bytes(b"a real robot")
@@ -202,7 +198,7 @@ def test_recordings_of_another_origin_are_never_overwritten(tmp_path: Path) -> N
 # ---------------------------------------------------------------- R3VIVAL
 
 
-def test_the_slice_is_a_set_of_thirty_places_three_takes_each() -> None:
+def test_the_slice_is_a_set_of_thirty_places_three_takes_each():
     measured = R3vival().read(None)
     assert (len(measured.responses), len(measured.array)) == (30, 6)
     assert {response.condition for response in measured.responses} == {"000"}
@@ -215,7 +211,7 @@ def test_the_slice_is_a_set_of_thirty_places_three_takes_each() -> None:
         assert np.abs(peak - lag).max() < 3.0
 
 
-def test_true_echoes_of_the_room_obey_the_law_of_reflection() -> None:
+def test_true_echoes_of_the_room_obey_the_law_of_reflection():
     """A ray that leaves as it came, by its two legs instead of an image."""
     loudspeaker = r3vival.position("S060-200")
     assert loudspeaker == pytest.approx([1.0, -np.sqrt(3), 0.0])
@@ -233,7 +229,7 @@ def test_true_echoes_of_the_room_obey_the_law_of_reflection() -> None:
 
 
 @pytest.fixture
-def checkout(tmp_path: Path) -> Path:
+def checkout(tmp_path):
     """Return a copy of the slice, as a checkout."""
     return Path(shutil.copytree(slice_folder(), tmp_path / "checkout"))
 
@@ -241,13 +237,13 @@ def checkout(tmp_path: Path) -> Path:
 ONE = "RIRs/FRL_array/RLRVarAcLab_Absorptive_000_S030-150_R1_FRL10cm.wav"
 
 
-def shifted(path: Path) -> bytes:
+def shifted(path):
     """Return a file with a millisecond of silence before it."""
     samples = audio.read_wav(path, RATE)
     return audio.wav_bytes(np.pad(samples, ((0, 0), (22, 0))), RATE)
 
 
-def silent(path: Path) -> bytes:
+def silent(path):
     """Return a file whose second channel is dead."""
     samples = audio.read_wav(path, RATE)
     samples[1] = 0.0
@@ -275,7 +271,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("fault", BROKEN)
-def test_a_broken_copy_is_refused_in_one_line(checkout: Path, fault: str) -> None:
+def test_a_broken_copy_is_refused_in_one_line(checkout, fault):
     make, message = BROKEN[fault]
     (checkout / ONE).write_bytes(make(checkout / ONE))
     with pytest.raises(BadValue) as caught:
@@ -283,7 +279,7 @@ def test_a_broken_copy_is_refused_in_one_line(checkout: Path, fault: str) -> Non
     assert message in str(caught.value) and str(caught.value).isprintable()
 
 
-def test_what_is_no_checkout_is_told_from_what_is_incomplete(checkout: Path) -> None:
+def test_what_is_no_checkout_is_told_from_what_is_incomplete(checkout):
     for folder, message in (
         (checkout / "nowhere", "there is no such folder"),
         (checkout.parent, "it has no RIRs/FRL_array"),
@@ -302,7 +298,7 @@ def test_what_is_no_checkout_is_told_from_what_is_incomplete(checkout: Path) -> 
 # ---------------------------------------------------------------- dEchorate
 
 
-def annotated(rng: np.random.Generator) -> dict[str, Array]:
+def annotated(rng):
     """Return the arrays of a small file like that of the set, its walls at known distances."""
     middles = rng.uniform([1.0, 1.0, 1.0], [4.0, 4.0, 1.5], (6, 3))
     angles = rng.uniform(-np.pi, np.pi, 6)
@@ -324,7 +320,7 @@ def annotated(rng: np.random.Generator) -> dict[str, Array]:
 
 
 @pytest.fixture
-def annotations(tmp_path: Path) -> Path:
+def annotations(tmp_path):
     """Return a checkout with such a file."""
     path = tmp_path / INSIDE
     path.parent.mkdir(parents=True)
@@ -332,7 +328,7 @@ def annotations(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_pairs_of_microphones_stand_where_they_stood(annotations: Path) -> None:
+def test_pairs_of_microphones_stand_where_they_stood(annotations):
     measured = Dechorate().read(annotations)
     arrays = annotated(np.random.default_rng(0))
     assert len(measured.responses) == 6 and measured.sample_rate == 48000.0
@@ -346,20 +342,17 @@ def test_pairs_of_microphones_stand_where_they_stood(annotations: Path) -> None:
         assert np.isnan(response.truth.azimuth).all() and len(response.truth.toa) == 6
 
 
-def test_unknown_directions_are_empty_cells(annotations: Path, tmp_path: Path) -> None:
+def test_unknown_directions_are_empty_cells(annotations, tmp_path):
     source = Dechorate()
     folder = imported_points(tmp_path, name="pairs", source=source, folder=annotations)
     survey = read_survey(folder)
-    assert survey.truth is not None
     assert all(np.isnan(truth.azimuth).all() for truth in survey.truth)
     assert (folder / "truth.csv").read_text().splitlines()[1].endswith(",,")
 
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(share=st.floats(0.0, 0.999), bit=st.integers(0, 7), cut=st.booleans())
-def test_a_damaged_file_of_annotations_is_read_or_refused_in_one_line(
-    annotations: Path, share: float, bit: int, cut: bool
-) -> None:
+def test_a_damaged_file_of_annotations_is_read_or_refused_in_one_line(annotations, share, bit, cut):
     whole = (annotations / INSIDE).read_bytes()
     place = int(share * len(whole))
     broken = bytearray(whole[:place] if cut else whole)
@@ -383,9 +376,7 @@ def test_a_damaged_file_of_annotations_is_read_or_refused_in_one_line(
         ({"T_direct": np.full((1, 12), 0.1)}, "T_direct=.* ms off: must fit the positions"),
     ],
 )
-def test_annotations_of_another_shape_are_refused(
-    annotations: Path, change: dict[str, Array], message: str
-) -> None:
+def test_annotations_of_another_shape_are_refused(annotations, change, message):
     savemat(annotations / INSIDE, annotated(np.random.default_rng(0)) | change)
     with pytest.raises(BadValue, match=message):
         Dechorate().read(annotations)
@@ -399,7 +390,7 @@ class Some:
 
     order: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
 
-    def read(self, folder: Path | None) -> Measurements:
+    def read(self, folder):
         """Return ten places of the slice."""
         measured = R3vival().read(folder)
         few = [
@@ -410,9 +401,7 @@ class Some:
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2, 3, 4, 5), (3, 1, 2, 0, 4, 5)])
-def test_microphones_at_several_heights_are_told_from_exchanged_ones(
-    order: tuple[int, ...], tmp_path: Path
-) -> None:
+def test_microphones_at_several_heights_are_told_from_exchanged_ones(order, tmp_path):
     """Echoes of floor and ceiling come slanting to an octahedron, and together."""
     probe = noise_probe(length=4000)
     folder = imported_points(tmp_path, source=Some(order), probe=probe, snr_db=40.0)

@@ -1,7 +1,6 @@
 """The burst as the loudspeaker plays it: where it is taken from, and what it is good for."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from scipy.signal import butter, lfilter
 from by_hand import ARRAY, FILES, PROBE, edit
 from echolearn.acoustics.geometry import SearchWindow, circular_array
 from echolearn.acoustics.signals import matched_filter, noise_probe
-from echolearn.acoustics.types import Array, Probe
+from echolearn.acoustics.types import Probe
 from echolearn.survey import direct_path
 from echolearn.survey.audio import wav_bytes
 from echolearn.survey.early import loudspeaker_response
@@ -24,20 +23,20 @@ RESPONSE = lfilter(*butter(2, [0.03, 0.6], "bandpass"), np.eye(1, 40)[0])
 """Of a loudspeaker, from the emission on."""
 
 
-def heard(array=RING, *, response: Array = RESPONSE, probe: Probe = BURST) -> Array:
+def heard(array=RING, *, response=RESPONSE, probe=BURST):
     """Return the direct sound of a loudspeaker of that response, shape (M, N)."""
     arrived = direct_path.delayed(probe, array, speed_of_sound=343.0)
     gain = direct_path.free_field(array)[:, None]
     return gain * np.apply_along_axis(np.convolve, 1, arrived, response)[:, : probe.length]
 
 
-def taken(samples: Array, array=RING) -> Array:
+def taken(samples, array=RING):
     """Return the response that is taken from recordings."""
     about = {"positions": array.positions, "last": 110, "speed_of_sound": 343.0}
     return loudspeaker_response(samples, BURST, **about)
 
 
-def test_the_response_is_that_of_the_loudspeaker_at_the_way_to_the_microphones() -> None:
+def test_the_response_is_that_of_the_loudspeaker_at_the_way_to_the_microphones():
     """Whatever their distances, gains and echoes are, and the noise of each recording."""
     rng = np.random.default_rng(0)
     uneven = replace(RING, positions=RING.positions * np.array([[1.0], [0.5], [1.3], [0.8]]))
@@ -51,7 +50,7 @@ def test_the_response_is_that_of_the_loudspeaker_at_the_way_to_the_microphones()
     assert np.abs(found[: AHEAD - 3]).max() < 0.06
 
 
-def test_filtering_the_recording_is_seeking_by_what_was_played() -> None:
+def test_filtering_the_recording_is_seeking_by_what_was_played():
     """By the sum over the burst as played, at every lag."""
     rng = np.random.default_rng(1)
     samples = rng.standard_normal((2, 3, 900))
@@ -65,7 +64,7 @@ def test_filtering_the_recording_is_seeking_by_what_was_played() -> None:
         assert found[..., lag - 20] == pytest.approx(expected)
 
 
-def test_echoes_stay_in_time_and_stand_higher_above_the_noise() -> None:
+def test_echoes_stay_in_time_and_stand_higher_above_the_noise():
     late = int(np.abs(RESPONSE).argmax())
     wave = np.pad(RESPONSE, (200 - late, 0))
     echo = np.convolve(BURST.samples, wave)[: BURST.length]
@@ -83,7 +82,7 @@ def test_echoes_stay_in_time_and_stand_higher_above_the_noise() -> None:
     assert heights[1] / heights[0] == pytest.approx(1 / crest, rel=0.15)
 
 
-def test_a_calibration_tells_the_same_and_recordings_are_filtered_when_read(folder: Path) -> None:
+def test_a_calibration_tells_the_same_and_recordings_are_filtered_when_read(folder):
     rung = heard(ARRAY, probe=PROBE)
     rng = np.random.default_rng(3)
     for name in FILES:

@@ -1,14 +1,11 @@
 """Manifests of surveys: what one names is whole, and what is used is named."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from by_hand import FILES, ROOM
 from echolearn.checks import BadValue
 from echolearn.simulation.levels import NoiseLevels
-from echolearn.simulation.scene import Scene
 from echolearn.simulation.survey import survey
 from echolearn.simulation.walk import trajectory
 from echolearn.storage import manifests
@@ -18,14 +15,14 @@ from echolearn.survey import audio, proof, reader
 from echolearn.survey.poses import poses_csv
 
 
-def seal(folder: Path) -> None:
+def seal(folder):
     """Write the manifest of a survey that has none."""
     names = proof.used(reader.read_survey(folder))
     manifests.finish(folder, {"kind": "survey"}, names, largest=manifests.FOREIGN)
 
 
 @pytest.mark.release
-def test_what_a_long_walk_is_made_from_is_not_too_large(brief: Scene, tmp_path: Path) -> None:
+def test_what_a_long_walk_is_made_from_is_not_too_large(brief, tmp_path):
     """As of the most poses that there may be, of which but two recordings differ."""
     few = survey(
         name="few", room=ROOM, scene=brief, levels=NoiseLevels(5.0), poses=2, runs=tmp_path
@@ -44,7 +41,7 @@ def test_what_a_long_walk_is_made_from_is_not_too_large(brief: Scene, tmp_path: 
     assert (len(read.poses), proved) == (len(walk), len(walk) + 4)
 
 
-def test_a_survey_that_would_not_be_read_is_not_begun(brief: Scene, tmp_path: Path) -> None:
+def test_a_survey_that_would_not_be_read_is_not_begun(brief, tmp_path):
     with pytest.raises(BadValue, match="^poses=20001: .*20000"):
         survey(
             name="long",
@@ -57,7 +54,7 @@ def test_a_survey_that_would_not_be_read_is_not_begun(brief: Scene, tmp_path: Pa
     assert not any(tmp_path.iterdir())
 
 
-def test_a_manifest_proves_what_a_map_depends_on(folder: Path) -> None:
+def test_a_manifest_proves_what_a_map_depends_on(folder):
     bare = "readable, 2 recordings; there is no manifest.json to prove them by"
     assert proof.verify_survey(folder) == bare
     seal(folder)
@@ -76,9 +73,7 @@ def test_a_manifest_proves_what_a_map_depends_on(folder: Path) -> None:
         ("noise.wav", np.ones((2, 400)), r"=\(2, 400\)"),
     ],
 )
-def test_a_whole_file_is_read_besides(
-    folder: Path, name: str, samples: np.ndarray, message: str
-) -> None:
+def test_a_whole_file_is_read_besides(folder, name, samples, message):
     """A checksum tells that nothing has changed, not that it was good."""
     (folder / name).write_bytes(audio.wav_bytes(samples, 22050.0))
     seal(folder)
@@ -86,7 +81,7 @@ def test_a_whole_file_is_read_besides(
         proof.verify_survey(folder)
 
 
-def test_a_recording_by_a_name_that_says_nothing_is_limited(folder: Path) -> None:
+def test_a_recording_by_a_name_that_says_nothing_is_limited(folder):
     text = (folder / "poses.csv").read_text().replace(FILES[1], "1.raw")
     (folder / "poses.csv").write_text(text)
     (folder / FILES[1]).rename(folder / "1.raw")

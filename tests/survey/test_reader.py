@@ -1,7 +1,6 @@
 """The survey format: what is written is read back, and a recording is what it should be."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,14 +10,13 @@ from hypothesis import strategies as st
 
 from by_hand import ARRAY, CONDITIONS, FILES, POSES, PROBE, ROOM, SAMPLES, edit
 from echolearn.acoustics.rooms import outline
-from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.survey.audio import wav_bytes
 from echolearn.survey.direct_path import delayed
 from echolearn.survey.reader import read_survey
 
 
-def refusal(folder: Path) -> str:
+def refusal(folder):
     """Return the one line with which the survey is refused."""
     with pytest.raises(BadValue) as refused:
         read_survey(folder).observe([0, 1])
@@ -26,7 +24,7 @@ def refusal(folder: Path) -> str:
     return str(refused.value)
 
 
-def test_what_is_written_is_read_back(folder: Path) -> None:
+def test_what_is_written_is_read_back(folder):
     survey = read_survey(folder)
     assert np.array_equal(survey.probe.samples, PROBE.samples)
     assert (survey.probe.sample_rate, survey.probe.length) == (22050.0, 400)
@@ -42,7 +40,7 @@ def test_what_is_written_is_read_back(folder: Path) -> None:
     assert observation.speed_of_sound == survey.speed_of_sound == 340.0
 
 
-def test_poses_are_called_what_the_table_calls_them(folder: Path) -> None:
+def test_poses_are_called_what_the_table_calls_them(folder):
     """As nanoseconds since 1970, not in order."""
     rows = f"{2**60},1,2,1.5,0,{FILES[1]}\n7,1,2,1.5,0,{FILES[0]}\n"
     (folder / "poses.csv").write_text(f"index,x_m,y_m,z_m,heading_rad,file\n{rows}")
@@ -51,7 +49,7 @@ def test_poses_are_called_what_the_table_calls_them(folder: Path) -> None:
     assert np.array_equal(survey.observe([1]).samples[0], SAMPLES[0])
 
 
-def test_recordings_may_be_flac(folder: Path) -> None:
+def test_recordings_may_be_flac(folder):
     """The same walk, one recording packed without loss; what was float32 has then 24 bits."""
     quiet = SAMPLES[1] / 8
     soundfile.write(folder / "observations" / "1.flac", quiet.T, 22050, subtype="PCM_24")
@@ -65,13 +63,13 @@ def test_recordings_may_be_flac(folder: Path) -> None:
 @pytest.mark.parametrize(
     "conditions", [None, {"snr_db": None, "sdnr_db": -3, "pings": 4, "a": "b"}]
 )
-def test_what_is_not_known_may_be_null(folder: Path, conditions: dict[str, object] | None) -> None:
+def test_what_is_not_known_may_be_null(folder, conditions):
     edit(folder, walls=None, conditions=conditions)
     survey = read_survey(folder)
     assert survey.walls is None and survey.conditions == (conditions or {})
 
 
-def test_a_loudspeaker_elsewhere_moves_the_microphones(folder: Path) -> None:
+def test_a_loudspeaker_elsewhere_moves_the_microphones(folder):
     """An array is told relative to its loudspeaker."""
     edit(folder, loudspeaker=[0.1, -0.2, 0.3])
     assert np.allclose(read_survey(folder).array.positions, ARRAY.positions - [0.1, -0.2, 0.3])
@@ -95,22 +93,20 @@ def test_a_loudspeaker_elsewhere_moves_the_microphones(folder: Path) -> None:
         ("noise.wav", np.full((3, 1000), np.nan), "=NaN or infinity: must be finite samples"),
     ],
 )
-def test_samples_that_do_not_fit_are_refused(
-    folder: Path, name: str, samples: Array, message: str
-) -> None:
+def test_samples_that_do_not_fit_are_refused(folder, name, samples, message):
     (folder / name).write_bytes(wav_bytes(samples, 22050.0))
     assert refusal(folder) == f"{folder / name}{message}"
 
 
 @pytest.mark.parametrize("name", [FILES[0], "noise.wav"])
-def test_a_recording_at_another_rate_is_refused(folder: Path, name: str) -> None:
+def test_a_recording_at_another_rate_is_refused(folder, name):
     (folder / name).write_bytes(wav_bytes(SAMPLES[0], 44100.0))
     message = " sample_rate=44100 Hz: must be 22050 Hz; resample the recording"
     assert refusal(folder) == f"{folder / name}{message}"
 
 
 @pytest.mark.parametrize("name", ["survey.yaml", "probe.wav", "poses.csv", FILES[0]])
-def test_a_missing_file_is_named(folder: Path, name: str) -> None:
+def test_a_missing_file_is_named(folder, name):
     (folder / name).unlink()
     assert refusal(folder).startswith(f"{folder / name}: cannot be read")
 
@@ -122,9 +118,7 @@ def test_a_missing_file_is_named(folder: Path, name: str) -> None:
 @settings(
     max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-def test_a_damaged_header_is_an_error_or_a_recording(
-    folder: Path, bytes_: list[tuple[int, int]], cut: int
-) -> None:
+def test_a_damaged_header_is_an_error_or_a_recording(folder, bytes_, cut):
     """Whatever the first bytes are, and wherever the file ends, no parser's traceback is seen."""
     content = bytearray(wav_bytes(SAMPLES[0], 22050.0))
     for place, value in bytes_:
@@ -136,7 +130,7 @@ def test_a_damaged_header_is_an_error_or_a_recording(
         assert str(refused).startswith(f"{folder / FILES[0]}") and str(refused).isprintable()
 
 
-def test_noise_alone_may_be_longer_than_a_recording_and_may_be_absent(folder: Path) -> None:
+def test_noise_alone_may_be_longer_than_a_recording_and_may_be_absent(folder):
     assert list(read_survey(folder).noise()) == []
     noise = np.random.default_rng(1).standard_normal((3, 1000)).astype(np.float32)
     (folder / "noise.wav").write_bytes(wav_bytes(noise, 22050.0))
@@ -144,9 +138,7 @@ def test_noise_alone_may_be_longer_than_a_recording_and_may_be_absent(folder: Pa
     assert np.array_equal(read, noise)
 
 
-def test_noise_in_pieces_is_all_of_it_and_measured_as_a_whole(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_noise_in_pieces_is_all_of_it_and_measured_as_a_whole(folder, monkeypatch):
     noise = np.random.default_rng(2).standard_normal((3, 100_000)).astype(np.float32)
     (folder / "noise.wav").write_bytes(wav_bytes(noise, 22050.0))
     psd, covariance = read_survey(folder).noise_statistics
@@ -164,7 +156,7 @@ def test_noise_in_pieces_is_all_of_it_and_measured_as_a_whole(
 # ---------------------------------------------------------------- the direct path
 
 
-def coloured() -> Array:
+def coloured():
     """Return the direct path of a loudspeaker that rings, shape (3, 400)."""
     arrived = delayed(PROBE, ARRAY, speed_of_sound=340.0)
     rung = np.apply_along_axis(np.convolve, 1, arrived, 0.8 ** np.arange(30))[:, :200]
@@ -172,9 +164,7 @@ def coloured() -> Array:
 
 
 @pytest.mark.parametrize("length", [200, 400, 900])
-def test_a_direct_path_that_was_recorded_is_removed_whatever_the_loudspeaker(
-    folder: Path, length: int
-) -> None:
+def test_a_direct_path_that_was_recorded_is_removed_whatever_the_loudspeaker(folder, length):
     """Recorded through other gains than on the walk, cut or padded; geometry would leave half."""
     gains, path = np.array([[3.0], [0.5], [-2.0]]), coloured()
     for name, samples in zip(FILES, SAMPLES, strict=True):
@@ -201,15 +191,13 @@ def test_a_direct_path_that_was_recorded_is_removed_whatever_the_loudspeaker(
         (np.ones((3, 400)), "removed", " direct_path=removed: must be present; there is none to"),
     ],
 )
-def test_a_calibration_that_does_not_fit_is_refused(
-    folder: Path, samples: Array, direct_path: str, message: str
-) -> None:
+def test_a_calibration_that_does_not_fit_is_refused(folder, samples, direct_path, message):
     edit(folder, direct_path=direct_path)
     (folder / "calibration.wav").write_bytes(wav_bytes(samples, 22050.0))
     assert refusal(folder).startswith(f"{folder}/calibration.wav{message}")
 
 
 @pytest.mark.parametrize("name", ["noise.wav", "calibration.wav"])
-def test_what_may_be_beside_the_recordings_is_no_link(folder: Path, name: str) -> None:
+def test_what_may_be_beside_the_recordings_is_no_link(folder, name):
     (folder / name).symlink_to("/dev/zero")
     assert refusal(folder) == f"{folder / name}=a link: must be a path inside the survey's folder"

@@ -1,7 +1,6 @@
 """How much of the direct path is removed: what is measured, and what is said of it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,13 +11,12 @@ from echolearn.survey import direct_path
 from echolearn.survey.audio import wav_bytes
 from echolearn.survey.reader import read_survey
 from echolearn.survey.removal import removal_lines, removed_db
-from echolearn.survey.survey import Survey
 
 WINDOW = SearchWindow(0.6, 1.0)
 LEVEL = 1e-3
 
 
-def heard(folder: Path, *, loudness: float, ringing: int = 0) -> Survey:
+def heard(folder, *, loudness, ringing=0):
     """Return a survey of the direct path in noise, by a loudspeaker that rings for some samples."""
     rng = np.random.default_rng(0)
     arrived = direct_path.delayed(PROBE, ARRAY, speed_of_sound=340.0)
@@ -31,12 +29,12 @@ def heard(folder: Path, *, loudness: float, ringing: int = 0) -> Survey:
     return replace(read_survey(folder), window=WINDOW)
 
 
-def measured(survey: Survey, way: str) -> float:
+def measured(survey, way):
     """Return what is measured of one way."""
     return removed_db(replace(survey, direct=way), np.full((2, 3), LEVEL))
 
 
-def test_what_is_removed_is_what_was_there_over_what_is_left(folder: Path) -> None:
+def test_what_is_removed_is_what_was_there_over_what_is_left(folder):
     """A free field of gain 0.4 is taken off a direct path of gain 0.8: half of it is left, 6 dB."""
     gain = float(direct_path.free_field(ARRAY)[0])
     survey = heard(folder, loudness=2 * gain)
@@ -45,7 +43,7 @@ def test_what_is_removed_is_what_was_there_over_what_is_left(folder: Path) -> No
     assert measured(survey, "fir") > 20
 
 
-def test_a_loudspeaker_that_rings_is_told_and_what_helps(folder: Path) -> None:
+def test_a_loudspeaker_that_rings_is_told_and_what_helps(folder):
     survey = replace(heard(folder, loudness=1.0, ringing=12), direct="fitted")
     little = measured(survey, "fitted")
     assert 0 < little < 6
@@ -57,7 +55,7 @@ def test_a_loudspeaker_that_rings_is_told_and_what_helps(folder: Path) -> None:
     assert "removes 0.0 dB" in line and line.endswith("is probe.wav what was played?")
 
 
-def test_where_there_is_none_or_noise_hides_it_nothing_is_said(folder: Path) -> None:
+def test_where_there_is_none_or_noise_hides_it_nothing_is_said(folder):
     hidden = heard(folder, loudness=1e-2 * LEVEL)
     assert np.isnan(measured(hidden, "fitted"))
     assert removal_lines(hidden, measured(hidden, "fitted")) == []

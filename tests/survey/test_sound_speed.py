@@ -26,7 +26,7 @@ from echolearn.survey.sound_speed import check_sound_speed
         (True, "air has 343 m/s"),
     ],
 )
-def test_another_unit_is_asked_about(value: object, asked: str) -> None:
+def test_another_unit_is_asked_about(value, asked):
     with pytest.raises(BadValue) as refused:
         check_sound_speed("speed_of_sound", value)
     text = str(refused.value)
@@ -34,5 +34,5 @@ def test_another_unit_is_asked_about(value: object, asked: str) -> None:
 
 
 @pytest.mark.parametrize("value", [300, 343.0, 386.0, 1403, 1560.0])
-def test_air_and_water_are_taken(value: float) -> None:
+def test_air_and_water_are_taken(value):
     check_sound_speed("speed_of_sound", value)

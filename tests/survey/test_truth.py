@@ -1,7 +1,6 @@
 """True echoes, further columns and loudspeakers of their own: what is written is read back."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,11 +18,10 @@ KNOWN = Truth(np.array([0.01, 1 / 300]), np.array([-3.0, np.nan]), np.array([1.5
 NONE = Truth(*np.zeros((3, 0)))
 
 
-def test_true_echoes_are_read_back(folder: Path) -> None:
+def test_true_echoes_are_read_back(folder):
     assert read_survey(folder).truth is None
     (folder / "truth.csv").write_bytes(truth_csv([KNOWN, NONE]))
     truth = read_survey(folder).truth
-    assert truth is not None
     for found, given in zip(truth, (KNOWN, NONE), strict=True):
         for name in ("toa", "azimuth", "elevation"):
             assert np.array_equal(getattr(found, name), getattr(given, name), equal_nan=True)
@@ -43,16 +41,14 @@ def test_true_echoes_are_read_back(folder: Path) -> None:
         ("\x00\xff", ": cannot be read|columns="),
     ],
 )
-def test_what_is_no_table_of_echoes_is_refused(folder: Path, text: str, message: str) -> None:
+def test_what_is_no_table_of_echoes_is_refused(folder, text, message):
     (folder / "truth.csv").write_bytes(text.encode("latin-1"))
     with pytest.raises(BadValue, match=rf"truth\.csv({message})") as caught:
         read_survey(folder)
     assert str(caught.value).isprintable()
 
 
-def test_further_columns_are_kept_and_a_moving_loudspeaker_is_told_to_the_robot(
-    folder: Path,
-) -> None:
+def test_further_columns_are_kept_and_a_moving_loudspeaker_is_told_to_the_robot(folder):
     """In the frame of the robot, which has turned."""
     places = [[2.0, 2.0, 1.5], [1.1, 4 / 3, 2.0]]
     names = ("loudspeaker_x_m", "loudspeaker_y_m", "loudspeaker_z_m")
@@ -61,7 +57,6 @@ def test_further_columns_are_kept_and_a_moving_loudspeaker_is_told_to_the_robot(
     edit(folder, direct_path="present", map=False)
     survey = read_survey(folder)
     assert survey.further == {"floor": ("oak", "tile")} and not survey.mapped
-    assert survey.loudspeakers is not None
     for pose, (found, place) in enumerate(zip(survey.loudspeakers, places, strict=True)):
         heading = POSES[pose].heading
         toward = np.array(place) - POSES[pose].position
@@ -79,7 +74,7 @@ def test_further_columns_are_kept_and_a_moving_loudspeaker_is_told_to_the_robot(
         assert alike == pytest.approx(np.sum(gone**2, axis=1) * np.sum(arrived**2, axis=1))
 
 
-def test_a_loudspeaker_needs_all_three_coordinates(folder: Path) -> None:
+def test_a_loudspeaker_needs_all_three_coordinates(folder):
     text = poses_csv(POSES, FILES, further={"loudspeaker_x_m": [0, 0]})
     (folder / "poses.csv").write_bytes(text)
     with pytest.raises(BadValue, match="without loudspeaker_y_m, loudspeaker_z_m: must have all"):

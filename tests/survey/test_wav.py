@@ -2,7 +2,6 @@
 
 import struct
 from io import BytesIO
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import wavfile
 
-from echolearn.acoustics.types import Array
 from echolearn.survey import wav
 
 QUIET = np.random.default_rng(0).normal(0.0, 0.02, (200, 3))
@@ -21,30 +19,30 @@ WHOLE = np.rint(QUIET * 2**23).astype(np.int64)
 GUID = bytes.fromhex("000000001000800000aa00389b71")
 
 
-def words(whole: Array, width: int, order: str = "<") -> bytes:
+def words(whole, width, order="<"):
     """Return whole numbers as words of so many bytes, those that do not fit cut off."""
     plain = np.ascontiguousarray(whole.reshape(-1), dtype=f"{order}i8").view(np.uint8)
     cut = slice(None, width) if order == "<" else slice(-width, None)
     return bytes(plain.reshape(-1, 8)[:, cut])
 
 
-def chunk(name: bytes, body: bytes, order: str = "<", size: int | None = None) -> bytes:
+def chunk(name, body, order="<", size=None):
     length = len(body) if size is None else size
     return name + struct.pack(f"{order}I", length) + body + bytes(len(body) % 2)
 
 
 def file(
-    data: bytes,
+    data,
     *,
-    width: int = 2,
-    bits: int | None = None,
-    kind: int = 1,
-    begin: bytes = b"RIFF",
-    valid: int | None = None,
-    before: bytes = b"",
-    after: bytes = b"",
-    sizes: tuple[int | None, int | None] = (None, None),
-) -> bytes:
+    width=2,
+    bits=None,
+    kind=1,
+    begin=b"RIFF",
+    valid=None,
+    before=b"",
+    after=b"",
+    sizes=(None, None),
+):
     """Return a file of three channels; `sizes` are those that the header has of file and data."""
     order = ">" if begin == b"RIFX" else "<"
     layout = (kind, 3, 8000, 8000 * 3 * width, 3 * width, 8 * width if bits is None else bits)
@@ -56,7 +54,7 @@ def file(
     return begin + struct.pack(f"{order}I", length) + b"WAVE" + body
 
 
-def whole_of(content: bytes, bits: int = 24) -> Any:
+def whole_of(content, bits=24):
     """Return what is read as whole numbers of so many bits, frames first."""
     rate, samples = wav.read(content)
     assert rate == 8000 and samples.dtype == float and samples.flags.c_contiguous
@@ -83,11 +81,11 @@ PLACES = {
 
 
 @pytest.mark.parametrize("name", PLACES)
-def test_24_bits_are_the_same_wherever_they_stand(name: str) -> None:
+def test_24_bits_are_the_same_wherever_they_stand(name):
     assert np.array_equal(whole_of(PLACES[name]), WHOLE)
 
 
-def test_words_of_32_that_are_zero_padded_no_more_are_left_alone() -> None:
+def test_words_of_32_that_are_zero_padded_no_more_are_left_alone():
     """An offset, whole numbers of 32 bits, a header that is wrong: nothing was cut off there."""
     offset = WHOLE // 16 + (1 << 23)
     for whole in (offset, WHOLE, np.abs(WHOLE) + 1, WHOLE << 8 | 1):
@@ -98,7 +96,7 @@ def test_words_of_32_that_are_zero_padded_no_more_are_left_alone() -> None:
 
 @pytest.mark.parametrize("bits", wav.NARROW)
 @pytest.mark.parametrize("loudness", [0.01, 0.3])
-def test_other_converters_are_zero_padded_alike(bits: int, loudness: float) -> None:
+def test_other_converters_are_zero_padded_alike(bits, loudness):
     signal = np.random.default_rng(1).normal(0.0, loudness, (500, 3)).clip(-1, 0.99)
     whole = np.rint(signal * 2 ** (bits - 1)).astype(np.int64)
     cut = whole & ((1 << bits) - 1)
@@ -119,9 +117,7 @@ NEVER = {
 @pytest.mark.parametrize("order", [{}, BE])
 @pytest.mark.parametrize("torn", [0, 1, 17])
 @pytest.mark.parametrize("name", NEVER)
-def test_a_length_that_was_never_written_is_that_of_the_file(
-    name: str, torn: int, order: dict[str, bytes]
-) -> None:
+def test_a_length_that_was_never_written_is_that_of_the_file(name, torn, order):
     """Of a recorder that was killed the last frame may be torn."""
     data = words(WHOLE, 3, ">" if order else "<")
     content = file(data, width=3, sizes=NEVER[name], **order)[: -torn or None]
@@ -132,7 +128,7 @@ def test_a_length_that_was_never_written_is_that_of_the_file(
         assert np.array_equal(whole_of(content), WHOLE[: 200 - -(-torn // 9)])
 
 
-def test_sizes_of_64_bits_stand_in_a_chunk_of_their_own() -> None:
+def test_sizes_of_64_bits_stand_in_a_chunk_of_their_own():
     data = words(WHOLE, 3)
     for begin in (b"RF64", b"BW64"):
         for told in (len(data), 0):
@@ -154,9 +150,7 @@ SUBTYPES = ["PCM_U8", "PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE"]
     st.integers(0, 2**32),
 )
 @settings(max_examples=150, deadline=None)
-def test_what_libsndfile_writes_is_read_as_it_reads_it(
-    subtype: str, format: str, channels: int, length: int, seed: int
-) -> None:
+def test_what_libsndfile_writes_is_read_as_it_reads_it(subtype, format, channels, length, seed):
     signal = np.random.default_rng(seed).uniform(-1, 1, (length, channels))
     kind, _, big = format.partition(" ")
     buffer = BytesIO()
@@ -169,7 +163,7 @@ def test_what_libsndfile_writes_is_read_as_it_reads_it(
 
 @given(st.sampled_from(["u1", "i2", "i4", "i8", "f4", "f8", ">i2", ">f4"]), st.integers(0, 40))
 @settings(max_examples=40, deadline=None)
-def test_what_scipy_writes_is_read_back(kind: str, length: int) -> None:
+def test_what_scipy_writes_is_read_back(kind, length):
     signal = (100 + 20 * np.random.default_rng(length).standard_normal((length, 2))).astype(kind)
     buffer = BytesIO()
     wavfile.write(buffer, 8000, signal)
@@ -198,7 +192,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("said", REFUSED)
-def test_what_cannot_be_read_is_said_in_one_line(said: str) -> None:
+def test_what_cannot_be_read_is_said_in_one_line(said):
     with pytest.raises(ValueError) as refused:
         wav.read(REFUSED[said])
     assert str(refused.value).startswith(said) and str(refused.value).isprintable()
@@ -210,9 +204,7 @@ def test_what_cannot_be_read_is_said_in_one_line(said: str) -> None:
     st.integers(0, 1900),
 )
 @settings(max_examples=300, deadline=None)
-def test_any_header_is_read_or_refused(
-    content: bytes, changes: list[tuple[int, int]], cut: int
-) -> None:
+def test_any_header_is_read_or_refused(content, changes, cut):
     """Wherever the file ends, whatever its first bytes are: no other error, no more samples."""
     torn = bytearray(content)
     for place, value in changes:

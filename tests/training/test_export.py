@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import mean
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,20 +20,20 @@ from echolearn.robot import bundle, schema
 from echolearn.storage import manifests
 from echolearn.training.predictions import load_scorer
 from echolearn.training.runs import Run
-from world import CLASSIFIERS, World, coming_second, pack, plans
+from world import CLASSIFIERS, coming_second, pack, plans
 
 
-def content(folder: Path) -> dict[str, bytes]:
+def content(folder):
     """Return the bytes of every file."""
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def described(folder: Path) -> dict[str, Any]:
+def described(folder):
     """Return what a bundle says about itself."""
     return json.loads((folder / "bundle.json").read_text())
 
 
-def run_of(world: World, name: str) -> Run:
+def run_of(world, name):
     """Return a run on the scattered set, seed 0."""
     [folder] = (world.runs / "train").glob(f"{name}-scattered-s0-*")
     return Run(folder, manifests.verify(folder))
@@ -179,12 +178,7 @@ def test_a_bundle_that_does_not_load_is_not_finished(world, tmp_path, monkeypatc
     assert not (tmp_path / "bundles" / "small" / "bundle.json").exists()
 
 
-def test_the_commands_export_and_verify(
-    world,
-    tmp_path,
-    monkeypatch,
-    capsys,
-):
+def test_the_commands_export_and_verify(world, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run = run_of(world, "svm_pair")
     words = ["export", f"run={run.folder}", "name=mine", "scene.probe.length=6000", "resamples=30"]

@@ -1,8 +1,6 @@
 """Runs from elsewhere: models are examined like those of bundles before anything is computed."""
 
 import json
-from collections.abc import Callable
-from pathlib import Path
 from shutil import copytree
 
 import numpy as np
@@ -16,7 +14,6 @@ from echolearn.storage import manifests
 from echolearn.storage.files import json_bytes, sha256
 from echolearn.training.predictions import load_scorer
 from echolearn.training.runs import finished_runs, read_run
-from world import World
 
 REFUSED = (
     "model external",
@@ -31,16 +28,14 @@ REFUSED = (
     "model without output",
 )
 
-Foreign = Callable[..., Path]
-
 
 @pytest.fixture
-def foreign(world: World, packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Foreign:
+def foreign(world, packed, tmp_path, monkeypatch):
     """Return a function that gives a run as another machine has made it, with another model."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     [made] = (world.runs / "train").glob("trees_features-scattered-s0-*")
 
-    def copied(mutation: str = "", runs: Path = tmp_path) -> Path:
+    def copied(mutation="", runs=tmp_path):
         folder = copytree(made, runs / "train" / made.name)
         if mutation:
             bundle = copytree(packed, tmp_path / "bundle")
@@ -56,12 +51,8 @@ def foreign(world: World, packed: Path, tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_run_from_elsewhere_is_examined_once_and_predicts_the_same(
-    world: World,
-    foreign: Foreign,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    state: Path,
-) -> None:
+    world, foreign, capsys, monkeypatch, state
+):
     folder = foreign()
     x = np.random.default_rng(0).standard_normal((2000, 4))
     found = load_scorer(folder)(x)
@@ -77,15 +68,13 @@ def test_a_run_from_elsewhere_is_examined_once_and_predicts_the_same(
 
 
 @pytest.mark.parametrize("mutation", REFUSED)
-def test_a_hostile_model_of_a_run_is_refused(mutation: str, foreign: Foreign) -> None:
+def test_a_hostile_model_of_a_run_is_refused(mutation, foreign):
     folder = foreign(mutation)
     with pytest.raises(BadValue, match=f"^{folder}/model.onnx"):
         try_run(folder)
 
 
-def test_a_model_that_never_ends_stops_a_comparison_before_any_work(
-    world: World, foreign: Foreign, tmp_path: Path
-) -> None:
+def test_a_model_that_never_ends_stops_a_comparison_before_any_work(world, foreign, tmp_path):
     folder = foreign("model that never ends")
     for part in ("data", "survey"):
         (tmp_path / part).symlink_to(world.runs / part)
@@ -94,7 +83,7 @@ def test_a_model_that_never_ends_stops_a_comparison_before_any_work(
     assert not (tmp_path / "compare").exists()
 
 
-def test_a_run_whose_metrics_name_no_model_is_refused(foreign: Foreign) -> None:
+def test_a_run_whose_metrics_name_no_model_is_refused(foreign):
     folder = foreign()
     about = json.loads((folder / "metrics.json").read_text())
     about["files"].pop("model.onnx")
@@ -123,9 +112,7 @@ def test_a_run_whose_metrics_name_no_model_is_refused(foreign: Foreign) -> None:
         ("data", {"a": 1}, "data="),
     ],
 )
-def test_metrics_that_no_run_has_are_refused(
-    key: str, value: object, said: str, foreign: Foreign, tmp_path: Path
-) -> None:
+def test_metrics_that_no_run_has_are_refused(key, value, said, foreign, tmp_path):
     folder = foreign()
     about = json.loads((folder / "metrics.json").read_text())
     about = {k: v for k, v in (about | {key: value}).items() if v is not ...}

@@ -3,14 +3,13 @@
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import world as small
 from echolearn.training.export import export
-from world import CLASSIFIERS, World
+from world import CLASSIFIERS
 
 ROOT = Path(__file__).parents[2]
 OLDEST = "1.15.0"
@@ -21,14 +20,14 @@ pytestmark = [
     pytest.mark.skipif(sys.version_info[:2] != (3, 11), reason="newer ones have newer wheels"),
 ]
 
-NETWORKS: dict[str, dict[str, Any]] = {
+NETWORKS = {
     "mlp": {"inputs": ["toa", "power"], "net": {"_target_": "Mlp", "widths": [8]}},
     "covnet": {"inputs": ["covariance"], "net": {"_target_": "CovarianceNet", "channels": 4}},
 }
 
 
 @pytest.fixture(scope="module")
-def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def python(tmp_path_factory):
     """Return the interpreter of an environment with that onnxruntime and numpy, nothing else."""
     place = tmp_path_factory.mktemp("oldest")
     subprocess.run([sys.executable, "-m", "venv", place], check=True)
@@ -40,8 +39,8 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("name", [*CLASSIFIERS, *NETWORKS])
 def test_the_oldest_runtime_gives_the_golden_confidences(
-    name: str, world: World, tmp_path: Path, python: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    name, world, tmp_path, python, monkeypatch
+):
     runs = world.runs
     if name in NETWORKS:
         keys = {"_target_": "echolearn.classifiers.methods.network.Network", "epochs": 3}

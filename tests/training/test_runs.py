@@ -1,7 +1,6 @@
 """Finished runs read back: which of them count, and what they predict about whom."""
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,25 +21,23 @@ from echolearn.training.predictions import (
 )
 from echolearn.training.runs import Run, load_runs, read_run
 from echolearn.training.split import LearningProblem
-from world import TRAINED, World
-
-Pick = Callable[..., Run]
+from world import TRAINED
 
 
 @pytest.fixture(scope="module")
-def runs(world: World) -> list[Run]:
+def runs(world):
     return load_runs(world.runs)
 
 
 @pytest.fixture(scope="module")
-def pick(runs: list[Run]) -> Pick:
+def pick(runs):
     """Return the one run of a classifier, set and seed."""
 
     known = {(run.model.classifier, run.model.trained_on, run.seed): run for run in runs}
     return lambda classifier, plan, seed=0: known[classifier, plan, seed]
 
 
-def copied(run: Run, runs: Path, *, name: str = "", **changes: object) -> Path:
+def copied(run, runs, *, name="", **changes):
     """Copy a run into another folder of runs, with other metrics; None takes one away."""
     folder = Path(shutil.copytree(run.folder, runs / "train" / (name or run.identity)))
     about = {k: v for k, v in {**run.metrics, **changes}.items() if v is not None}

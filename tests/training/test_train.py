@@ -8,16 +8,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.classifiers import batches
 from echolearn.classifiers.architectures import Mlp
@@ -55,7 +51,7 @@ NETWORK = {
 }
 
 
-def make_set(folder: Path, *, positions: int, each: int = 1, shards: int = 1) -> Dataset:
+def make_set(folder, *, positions, each=1, shards=1):
     """Write a finished set whose score tells the label, and open it."""
     rng = np.random.default_rng(0)
     rows = positions * each
@@ -86,7 +82,7 @@ def make_set(folder: Path, *, positions: int, each: int = 1, shards: int = 1) ->
     return Dataset(folder)
 
 
-def train(problem: LearningProblem, keys: dict[str, Any], runs: Path, **more: Any) -> Any:
+def train(problem, keys, runs, **more):
     """Train a classifier under the name "some"."""
     given = {"classifier": lambda: config.build(keys, "classifier"), "config": keys, "name": "some"}
     return training.train(problem, runs=runs, **given | more)
@@ -97,17 +93,17 @@ KEYS = {"threshold": THRESHOLD, "network": NETWORK}
 
 
 @pytest.fixture(scope="module")
-def toy(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+def toy(tmp_path_factory):
     return make_set(tmp_path_factory.mktemp("toy"), positions=150, each=2)
 
 
 @pytest.fixture(scope="module", params=KEYS)
-def method(request: pytest.FixtureRequest) -> str:
+def method(request):
     return str(request.param)
 
 
 @pytest.fixture(scope="module")
-def done(method: str, toy: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def done(method, toy, tmp_path_factory):
     """Return the folder of a finished run; not to be changed."""
     runs = tmp_path_factory.mktemp(method)
     result = train(LearningProblem(toy, seed=2), KEYS[method], runs, command=COMMAND)
@@ -115,17 +111,17 @@ def done(method: str, toy: Dataset, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture(scope="module")
-def calm(toy: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def calm(toy, tmp_path_factory):
     """Return the folder of a network's run that nothing has disturbed."""
     runs = tmp_path_factory.mktemp("calm")
     return runs / "train" / str(train(LearningProblem(toy), NETWORK, runs)["run"])
 
 
-def never() -> Any:
+def never():
     raise AssertionError("a finished run was redone")
 
 
-def result_files(folder: Path) -> dict[str, bytes]:
+def result_files(folder):
     """Return the files that equal runs have in common."""
     return {name: (folder / name).read_bytes() for name in ("metrics.json", *FILES)}
 
@@ -181,7 +177,7 @@ class TestRun:
         again = partial(train, runs=done.parents[1], classifier=never, command="echolearn train")
         found = again(LearningProblem(toy, seed=2), KEYS[method])
         assert found["command"] == COMMAND and (done / "metrics.json").read_bytes() == before
-        changes: list[dict[str, Any]] = [{"seed": 3}, {"target": "on_map"}, {"split": "row"}]
+        changes = [{"seed": 3}, {"target": "on_map"}, {"split": "row"}]
         for change in changes:
             with pytest.raises(AssertionError, match="redone"):
                 again(LearningProblem(toy, **{"seed": 2} | change), KEYS[method])
@@ -266,7 +262,7 @@ train(
 
 class TestTrust:
     @pytest.fixture
-    def run(self, toy: Dataset, tmp_path: Path) -> Path:
+    def run(self, toy, tmp_path):
         """Return the folder of a finished run, to be damaged."""
         problem = LearningProblem(toy, seed=2)
         return tmp_path / "train" / str(train(problem, THRESHOLD, tmp_path, command=COMMAND)["run"])
@@ -352,7 +348,7 @@ class TestStreaming:
         fetched = []
         table = np.random.default_rng(0).normal(size=(9000, 2)).astype(np.float32)
 
-        def gather(rows: Array) -> Array:
+        def gather(rows):
             fetched.append(len(rows))
             return table[rows]
 
@@ -367,7 +363,7 @@ class TestStreaming:
         assert (fetched.count(1000) == 2 * 9) is (limit == 0)
 
     def test_what_is_not_finite_is_named_by_its_row_in_the_set(self, toy):
-        def gather(rows: Array) -> Array:
+        def gather(rows):
             return np.where(rows[:, None, None] == 11, np.nan, toy.gather("covariance_gated", rows))
 
         rows = Rows(gather, np.arange(300), ["covariance_gated"]).part(np.array([2, 11, 40]))
@@ -376,7 +372,7 @@ class TestStreaming:
             rows[1:]
 
 
-def kill_when(ready: Callable[[], bool], work: Callable[[], object]) -> None:
+def kill_when(ready, work):
     """Do `work` in a forked process and kill it with SIGKILL as soon as `ready`."""
     child = os.fork()
     if child == 0:
@@ -389,7 +385,7 @@ def kill_when(ready: Callable[[], bool], work: Callable[[], object]) -> None:
     assert os.waitpid(child, 0)[1] == signal.SIGKILL
 
 
-BAD: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+BAD = {
     "column=no_such": ({}, {"inputs": ["no_such"]}),
     "classifier.inputs=text": ({}, {"inputs": "text"}),
     "target=wall": ({"target": "wall"}, {}),
