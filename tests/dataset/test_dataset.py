@@ -1,10 +1,7 @@
 """Sets: rows against the sums that define them, bytes that nothing can change, damage that is seen
 and mended."""
 
-import os
 import shutil
-import signal
-import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +10,7 @@ import numpy as np
 import pytest
 
 import reference
+from children import kill_when
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Observation, Pose, Room
 from echolearn.checks import BadValue
@@ -295,15 +293,7 @@ def test_a_kill_costs_only_what_was_not_finished(finished, make, tmp_path):
     """SIGKILL once two of five shards stand. The same call again keeps them, and ends with the same
     bytes by any number of workers."""
     folder = tmp_path / "data" / finished.name
-    child = os.fork()
-    if child == 0:
-        make()
-        os._exit(0)
-    deadline = time.monotonic() + 60
-    while len([*folder.glob("shard-*.json")]) < 2 and time.monotonic() < deadline:
-        time.sleep(0.001)
-    os.kill(child, signal.SIGKILL)
-    assert os.waitpid(child, 0)[1] == signal.SIGKILL
+    kill_when(lambda: len([*folder.glob("shard-*.json")]) >= 2, make)
     survived = {name: at for name, at in written(folder).items() if name in SHARDS}
     assert 2 <= len(survived) < 5 and manifests.MANIFEST not in contents(folder)
     make(engine=Processes(2))

@@ -1,17 +1,18 @@
 """A study from end to end: what it finds, its resumption, other studies of its name; its page."""
 
 import csv
-import os
 import re
 import shutil
 import time
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from children import begin
 from echolearn.acoustics.types import MicArray
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
@@ -130,16 +131,15 @@ def test_other_intervals_and_an_older_format_are_made_from_the_same_estimates(br
 @pytest.mark.parametrize("seed", [0, 1])
 def test_of_two_at_once_the_second_finds_it_finished_or_is_refused(brief, tmp_path, seed):
     one = replace(brief, values=[0.0, 10.0])
-    child = os.fork()
-    if child == 0:
-        run_study(one, name="small", runs=tmp_path, resamples=20)
-        os._exit(0)
-    while not (tmp_path / "study" / "small").exists():  # made under the lock
+    given = {"name": "small", "runs": tmp_path, "resamples": 20}
+    child = begin(partial(run_study, one, **given))
+    while child.is_alive() and not (tmp_path / "study" / "small").exists():  # made under the lock
         time.sleep(0.001)
     refused = pytest.raises(BadValue, match="^name=small: must be a new name")
     with refused if seed else nullcontext():
-        run_study(replace(one, seed=seed), name="small", runs=tmp_path, resamples=20)
-    assert os.waitpid(child, 0)[1] == 0
+        run_study(replace(one, seed=seed), **given)
+    child.join()
+    assert child.exitcode == 0
     assert manifests.verify(tmp_path / "study" / "small")["study"] == plain(one)
 
 

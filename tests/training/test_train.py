@@ -4,7 +4,6 @@ import json
 import os
 import re
 import resource
-import signal
 import subprocess
 import sys
 import time
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from children import begin, kill_when
 from echolearn.checks import BadValue
 from echolearn.classifiers import batches
 from echolearn.classifiers.architectures import Mlp
@@ -317,13 +317,12 @@ class TestTrust:
         again = partial(train, LearningProblem(toy), NETWORK, tmp_path)
         expected = manifests.verify(calm)
         folder = tmp_path / "train" / calm.name
-        child = os.fork()
-        if child == 0:
-            os._exit(again() != expected)
-        while not (folder / "config.json").is_file():
+        child = begin(again)
+        while child.is_alive() and not (folder / "config.json").is_file():
             time.sleep(0.001)
         assert again() == expected
-        assert os.waitpid(child, 0)[1] == 0
+        child.join()
+        assert child.exitcode == 0
         assert manifests.verify(folder) == expected and list(folder.parent.iterdir()) == [folder]
         assert len(list(folder.glob("events.*"))) == len(list(calm.glob("events.*")))
         waited = f"{folder.name}: waiting for another command that trains this run"
@@ -370,19 +369,6 @@ class TestStreaming:
         assert rows[:1].shape == (1, 4, 9) and rows.shape == (3, 4, 9)
         with pytest.raises(BadValue, match="covariance_gated=nan in row 11: "):
             rows[1:]
-
-
-def kill_when(ready, work):
-    """Do `work` in a forked process and kill it with SIGKILL as soon as `ready`."""
-    child = os.fork()
-    if child == 0:
-        work()
-        os._exit(0)
-    deadline = time.monotonic() + 30
-    while not ready() and time.monotonic() < deadline:
-        time.sleep(0.001)
-    os.kill(child, signal.SIGKILL)
-    assert os.waitpid(child, 0)[1] == signal.SIGKILL
 
 
 BAD = {

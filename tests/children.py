@@ -1,0 +1,31 @@
+"""Work in a process beside the test: begun, or killed in the middle."""
+
+import signal
+import sys
+import time
+from collections.abc import Callable
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
+
+
+def begin(work: Callable[[], object]) -> BaseProcess:
+    """Start work, which can be pickled, in a process of its own: where it may be, a copy of this.
+
+    No copy can use CUDA once this process has asked for it, and training asks, on the CPU, too: the
+    optimiser looks for a graph that is being captured.
+    """
+    torch = sys.modules.get("torch")
+    fresh = torch is not None and torch.cuda.is_available()
+    child = get_context("spawn" if fresh else "fork").Process(target=work)
+    child.start()
+    return child
+
+
+def kill_when(ready: Callable[[], object], work: Callable[[], object]) -> None:
+    """Do work in a process of its own, and kill it with SIGKILL as soon as `ready`."""
+    child = begin(work)
+    while child.is_alive() and not ready():
+        time.sleep(0.001)
+    child.kill()
+    child.join()
+    assert child.exitcode == -signal.SIGKILL
