@@ -1,7 +1,6 @@
 """A survey localized: every echo where it was estimated, every point where geometry puts it."""
 
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from echolearn.acoustics.signals import noise_covariance, noise_psd
 from echolearn.checks import BadValue
 from echolearn.comparison.evaluate import evaluate_set
 from echolearn.comparison.localized import localize_survey
-from echolearn.evaluation.rows import MISSING_COLUMNS, LocalizedSurvey, Recordings
+from echolearn.evaluation.rows import MISSING_COLUMNS, Recordings
 from echolearn.localization.localize import localize
 from echolearn.localization.methods.joint import Joint
 from echolearn.localization.methods.snls import Snls
@@ -27,8 +26,6 @@ from echolearn.survey.poses import poses_csv
 from echolearn.survey.survey import BLOCK, blocks
 from echolearn.training.runs import load_runs
 from world import HALL, POSES, plans
-
-Localized = Callable[..., LocalizedSurvey]
 
 
 @pytest.fixture(scope="module")
