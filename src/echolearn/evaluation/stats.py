@@ -61,12 +61,54 @@ def cluster_weights(groups: Array, *, resamples: int, seed: int = 0) -> Array:
         BadValue: no rows, or no resamples.
     """
     check_whole("resamples", resamples, low=1)
-    member, clusters = _clusters(groups)
+    member, clusters = numbered(groups)
     drawn = np.random.default_rng(seed).integers(clusters, size=(resamples, clusters))
+    return np.take(_counts(drawn, clusters), member, axis=1)
+
+
+def walk_weights(poses: Array, *, resamples: int, length: int | None = None, seed: int = 0) -> Array:
+    """Draw stretches of a walk with replacement, until as many poses are drawn as there are.
+
+    Neighbouring poses see the same walls, so that they are not independent; stretches of them
+    nearly are. The walk is closed to a circle, so that each pose is drawn equally often (Politis,
+    Romano, 1992; Davison and Hinkley, 1997, section 8.2.3).
+
+    Args:
+        poses: number of each row's pose in the order of the walk, shape (B,).
+        resamples: number of draws.
+        length: poses in a stretch; `stretch` of their number unless given.
+        seed: seed of the draws.
+
+    Returns:
+        How often each row counts, shape (resamples, B), whole numbers as floats.
+
+    Raises:
+        BadValue: no rows, no resamples, or stretches longer than the walk.
+    """
+    check_whole("resamples", resamples, low=1)
+    member, count = numbered(poses)
+    length = stretch(count) if length is None else length
+    check_whole("length", length, low=1, high=count, hint="a stretch is a part of the walk")
+    stretches = -(-count // length)
+    starts = np.random.default_rng(seed).integers(count, size=(resamples, stretches, 1))
+    drawn = ((starts + np.arange(length)) % count).reshape(resamples, -1)
+    # The last stretch is cut where the walk is full.
+    return np.take(_counts(drawn[:, :count], count), member, axis=1)
+
+
+def stretch(poses: int) -> int:
+    """Return how many poses of a walk are drawn together, of all `poses`."""
+    # It must grow with the walk, and more slowly, so that ever more of ever longer ones are drawn.
+    return min(poses, round(2 * poses ** (1 / 3)))
+
+
+def _counts(drawn: Array, clusters: int) -> Array:
+    """Return how often each cluster was drawn, shape (resamples, clusters), as floats."""
+    resamples = len(drawn)
     # Each draw counts in a stretch of its own, so that one `bincount` serves all of them.
     stretches = drawn + clusters * np.arange(resamples)[:, None]
     counts = np.bincount(stretches.ravel(), minlength=resamples * clusters).astype(float)
-    return np.take(counts.reshape(resamples, clusters), member, axis=1)
+    return counts.reshape(resamples, clusters)
 
 
 def interval(statistic: Statistic, weights: Array) -> Interval:
@@ -125,15 +167,19 @@ def swapped(shares: Array, groups: Array, *, swaps: int, seed: int = 0) -> Array
         BadValue: no swaps, or no rows.
     """
     check_whole("swaps", swaps, low=1)
-    member, clusters = _clusters(groups)
+    member, clusters = numbered(groups)
     # Another stream than that of resamples from the same seed.
     rng = np.random.default_rng([seed, 1])
     each = np.bincount(member, weights=shares, minlength=clusters)
     return each.sum() - 2.0 * (rng.integers(2, size=(swaps, clusters)) @ each)
 
 
-def _clusters(groups: Array) -> tuple[Array, int]:
-    """Return each row's cluster as 0, 1, 2 ..., and how many there are."""
+def numbered(groups: Array) -> tuple[Array, int]:
+    """Return each row's cluster as 0, 1, 2 ..., shape (B,), and how many there are.
+
+    Raises:
+        BadValue: no rows.
+    """
     check(
         len(groups) > 0,
         "groups",
