@@ -2,9 +2,9 @@
 
     python tests/null_rates.py [cases]
 
-Two models that are equally good, or k of them, by simulation; the interval counts as a finding
-where it leaves the truth out. What is known to be wrong stands beside it: rows taken for independent, folds
-taken for independent, several tests without a correction.
+Two models that are equally good, or k of them, by simulation; an interval counts as a finding where
+it leaves the truth out. What is known to be wrong stands beside it: rows taken for independent,
+folds taken for independent, several tests without a correction.
 """
 
 import sys
@@ -22,7 +22,9 @@ Found = dict[str, bool]
 """Which tests found a difference in one case."""
 
 
-def equal_models(rng: np.random.Generator, *, clusters: int = 60, each: int = 3) -> tuple[Array, ...]:
+def equal_models(
+    rng: np.random.Generator, *, clusters: int = 60, each: int = 3
+) -> tuple[Array, ...]:
     """Return truth, clusters and confidences of two equally good models, each (B,).
 
     Both see the difficulty that the rows of a cluster share, and each errs by cluster besides.
@@ -90,7 +92,10 @@ def ranked(rng: np.random.Generator) -> Found:
 def several(rng: np.random.Generator) -> Found:
     """Test twelve equal models against one, with and without Holm."""
     p = rng.random(12)
-    return {"Holm, any of 12": bool(stats.holm(p).min() <= 0.05), "any of 12": bool(p.min() <= 0.05)}
+    return {
+        "Holm, any of 12": bool(stats.holm(p).min() <= 0.05),
+        "any of 12": bool(p.min() <= 0.05),
+    }
 
 
 def intervals(rng: np.random.Generator) -> Found:
@@ -142,4 +147,6 @@ if __name__ == "__main__":
     cases = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
     for name, rate in rates(cases):
         print(f"{name:45} {rate:6.1%}")
-    print(f"\n{cases} cases; their chance alone is worth +-{1.96 * (0.05 * 0.95 / cases) ** 0.5:.1%}")
+    print(
+        f"\n{cases} cases; their chance alone is worth +-{1.96 * (0.05 * 0.95 / cases) ** 0.5:.1%}"
+    )

@@ -18,8 +18,8 @@ DEMSAR = np.array(
     """.split(),
     dtype=float,
 ).reshape(14, 4)
-"""AUC of four variants of C4.5 on 14 sets, table 6 of the paper; of what it rounds to one figure, .975,
-its ranks tell which is larger."""
+"""AUC of four variants of C4.5 on 14 sets, table 6 of the paper; of what it rounds to one figure,
+.975, its ranks tell which is larger."""
 
 
 def test_the_worked_example():
@@ -55,7 +55,9 @@ def test_pairs_are_scipys_corrected_by_hand():
     found = ranks.wilcoxon_holm(values)
     raw = {pair: wilcoxon(*values[:, pair].T).pvalue for pair in ((0, 1), (0, 2), (1, 2))}
     steps = 0.0
-    for left, (pair, p) in zip((3, 2, 1), sorted(raw.items(), key=lambda each: each[1]), strict=True):
+    for left, (pair, p) in zip(
+        (3, 2, 1), sorted(raw.items(), key=lambda each: each[1]), strict=True
+    ):
         steps = max(steps, min(1.0, left * p))
         assert found[pair] == found[pair[::-1]] == pytest.approx(steps)
     assert (found.diagonal() == 1).all()

@@ -1,9 +1,9 @@
 """Two classical tests of a difference: McNemar over rows, Nadeau and Bengio over folds.
 
 *McNemar* (Psychometrika 12, 1947; recommended by Dietterich, Neural Computation 10, 1998, where
-each model is trained once). Only rows on which one model is right and the other wrong tell anything:
-b where the first is right, c where the second is. Under the null hypothesis b is binomial, b ~
-B(b + c, 1/2). Rows of one cluster are not independent; with d_k = b_k - c_k of cluster k
+each model is trained once). Only rows on which one model is right and the other wrong tell
+anything: b where the first is right, c where the second is. Under the null hypothesis b ~
+B(b + c, 1/2), binomial. Rows of one cluster are not independent; with d_k = b_k - c_k of cluster k
 
     X^2 = (sum_k d_k)^2 / sum_k d_k^2  ~  chi^2 with one degree of freedom
 

@@ -8,7 +8,9 @@ rank. Whether any two differ, Friedman's test tells, in the form of Iman and Dav
 with k - 1 and (k - 1)(N - 1) degrees of freedom. Which two differ, Nemenyi's test tells: mean ranks
 further apart than the critical difference
 
-    CD = q sqrt(k (k + 1) / (6 N)),   q = studentized range of k models and infinite freedom / sqrt 2.
+    CD = q sqrt(k (k + 1) / (6 N)),
+
+q sqrt 2 the quantile of the studentized range of k models with infinite degrees of freedom.
 
 It depends on which other models are ranked; Wilcoxon's signed-rank test of each pair, corrected by
 Holm, does not (Benavoli, Corani, Mangili, JMLR 17, 2016), and needs more conditions: with N of them

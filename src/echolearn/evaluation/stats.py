@@ -66,7 +66,9 @@ def cluster_weights(groups: Array, *, resamples: int, seed: int = 0) -> Array:
     return np.take(_counts(drawn, clusters), member, axis=1)
 
 
-def walk_weights(poses: Array, *, resamples: int, length: int | None = None, seed: int = 0) -> Array:
+def walk_weights(
+    poses: Array, *, resamples: int, length: int | None = None, seed: int = 0
+) -> Array:
     """Draw stretches of a walk with replacement, until as many poses are drawn as there are.
 
     Neighbouring poses see the same walls, so that they are not independent; stretches of them
