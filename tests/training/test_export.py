@@ -18,7 +18,7 @@ from echolearn.checks import BadValue
 from echolearn.cli.main import main
 from echolearn.robot import bundle, schema
 from echolearn.storage import manifests
-from echolearn.training.predictions import load_scorer
+from echolearn.training.predictions import load_scorer, validation_rows
 from echolearn.training.runs import Run
 from world import CLASSIFIERS, coming_second, pack, plans
 
@@ -196,3 +196,33 @@ def test_the_commands_export_and_verify(world, tmp_path, monkeypatch, capsys):
     assert main([*words[:2], "name=other"]) == 1
     said = "scene.probe=another: must be the probe of the run's set; give the scene.* overrides"
     assert said in capsys.readouterr().err
+
+
+def test_a_cut_may_be_chosen_when_a_bundle_is_made(world, packed, tmp_path):
+    own = described(packed)
+    assert own["threshold"]["chosen"].startswith("largest balanced accuracy on")
+    folder = pack(world, "trees_features", tmp_path, aim="retention 0.9")
+    about = described(folder)
+    assert "retention 0.9 on" in about["threshold"]["chosen"]
+    assert about["threshold"]["value"] < own["threshold"]["value"]
+    assert (folder / "model.onnx").read_bytes() == (packed / "model.onnx").read_bytes()
+
+    run = run_of(world, "trees_features")
+    confidence, y = validation_rows(run, world.sets["scattered"])
+    assert len(y) == run.metrics["rows"]["validation"]
+    assert (confidence[y] >= about["threshold"]["value"]).mean() >= 0.9
+    held_out = [each["metrics"]["held_out"]["figures"] for each in (about, own)]
+    assert held_out[0]["auc"] == held_out[1]["auc"]
+    assert held_out[0]["recall"]["value"] > held_out[1]["recall"]["value"]
+
+    for aim, said in {"precision 1.2": "must name a share", "more": "must be balanced"}.items():
+        with pytest.raises(BadValue, match=f"aim={aim}: {said}"):
+            pack(world, "trees_features", tmp_path / "no", aim=aim)
+    assert not (tmp_path / "no").exists()
+
+
+def test_figures_of_maps_are_those_of_the_runs_own_cut_alone(world, compared, tmp_path):
+    folder = pack(world, "-", tmp_path, run=None, best=compared, aim="retention 0.99")
+    assert described(folder)["metrics"]["maps"] == []
+    again = pack(world, "-", tmp_path, run=None, best=compared, aim="balanced")
+    assert len(described(again)["metrics"]["maps"]) == 12

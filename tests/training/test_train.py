@@ -393,3 +393,44 @@ def test_bad_values_are_named_and_leave_nothing(part, toy, tmp_path):
         train(LearningProblem(toy, **fields), keys, tmp_path, **more)
     assert part in str(caught.value) and "\n" not in str(caught.value)
     assert not list(tmp_path.rglob("*"))
+
+
+def test_the_cut_does_what_it_is_aimed_at_on_validation_rows(toy, tmp_path, capsys):
+    """And leaves the fitted classifier as it was; another aim is another run."""
+    problem = LearningProblem(toy, seed=2)
+    found = {
+        aim: train(problem, THRESHOLD, tmp_path, aim=aim)
+        for aim in ("balanced", "precision 0.95", "retention 0.95")
+    }
+    assert len({each["run"] for each in found.values()}) == 3
+    assert len({each["model"]["sha256"] for each in found.values()}) == 1
+    for aim, metric in (("precision 0.95", "precision"), ("retention 0.95", "recall")):
+        assert found[aim]["validation"][metric] >= 0.95
+        point = found[aim]["operating_point"]
+        assert point == {
+            "aim": aim,
+            "precision": pytest.approx(found[aim]["validation"]["precision"]),
+            "retention": pytest.approx(found[aim]["validation"]["recall"]),
+            "missed": None,
+        }
+    assert "cannot be reached" not in capsys.readouterr().err
+    with pytest.raises(BadValue, match="aim=precision 1.2: must name a share from"):
+        train(problem, THRESHOLD, tmp_path, aim="precision 1.2")
+
+
+def test_todays_calibration_and_cut_leave_a_run_its_name(toy, tmp_path):
+    """Those of before had no such keys."""
+    found = train(LearningProblem(toy, seed=2), THRESHOLD, tmp_path)
+    config = files.load_json(tmp_path / "train" / found["run"] / "config.json")
+    assert {*config} == {"format", "name", "classifier", "folds", "problem"}
+    other = train(LearningProblem(toy, seed=2), THRESHOLD, tmp_path, calibration="isotonic")
+    assert other["run"] != found["run"] and len(other["calibration"]["knots"]) > 3
+    assert other["model"]["parity"] < 1e-5
+
+
+def test_a_precision_out_of_reach_loses_no_run(toy, tmp_path, capsys):
+    noise = {**THRESHOLD, "inputs": ["power"]}
+    found = train(LearningProblem(toy, seed=2), noise, tmp_path, aim="precision 0.999")
+    assert found["operating_point"]["aim"] == "balanced"
+    said = "aim=precision 0.999: cannot be reached on validation rows; best is 0."
+    assert said in found["operating_point"]["missed"] and said in capsys.readouterr().err

@@ -1,74 +1,161 @@
-"""From decisions to confidences, and the cut between kept and rejected: one rule for all.
+"""From decisions to confidences: one rule for all classifiers, on rows they were not fitted to.
 
-Platt (1999) fits confidence = sigmoid(a d + b) by maximum likelihood on data the classifier was not
-fitted to, with targets (n1 + 1)/(n1 + 2) and 1/(n0 + 2) in place of 1 and 0, so that a perfect
-separation gives no infinite slope. The slope is kept positive: calibration may flatten a classifier
-but never turn its verdict round.
+    d --mapping--> confidence, 0 to 1;    confidence >= threshold: kept (`operating_point`)
+
+- `platt` (Platt 1999): sigmoid(a d + b) by maximum likelihood, with targets (n1 + 1)/(n1 + 2) and
+  1/(n0 + 2) in place of 1 and 0, so that a perfect separation gives no infinite slope.
+- `temperature` (Guo et al., ICML 2017): the same with b = 0, for decisions that are logits: one
+  number to fit, so few validation rows do.
+- `isotonic`: centred isotonic regression (Oron, Flournoy, Statistics in Biopharmaceutical Research
+  2017) of the same targets: pools of adjacent violators, joined at their centres by straight lines,
+  so that it rises wherever the data do. Any shape; below the first pool and above the last it is
+  level, which makes ties.
+
+No mapping turns a classifier's verdict round: it may be flattened, never falls.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import isotonic_regression, minimize
 from scipy.special import expit
 
 from echolearn.acoustics.types import Array
+from echolearn.checks import check_choice
 from echolearn.classifiers.classifier import Classifier
 from echolearn.classifiers.inputs import Inputs
+from echolearn.classifiers.operating_point import Aim, OperatingPoint, OutOfReach, choose_cut
 
 SMALLEST_SLOPE = 1e-3
 """Lower bound of a, per interquartile range of the decisions."""
 
+ROUNDING = 1e-9
+"""Difference of confidences below which two count as equal."""
+
+PLATT = "platt"
+METHODS = (PLATT, "temperature", "isotonic")
+
 
 @dataclass(frozen=True)
-class Calibrated:
-    """A fitted classifier with its confidence, sigmoid(slope d + intercept), and its cut."""
+class Sigmoid:
+    """sigmoid(slope d + intercept)."""
 
-    classifier: Classifier
     slope: float
     intercept: float
-    threshold: float
 
-    def confidence(self, x: Inputs) -> Array:
-        """Return the belief in a reflector, 0 to 1, shape (B,)."""
-        belief: Array = expit(self.slope * self.classifier.decision(x) + self.intercept)
+    def __call__(self, decision: Array) -> Array:
+        """Return confidences, shape (B,), of decisions (B,)."""
+        belief: Array = expit(self.slope * decision + self.intercept)
         return belief
 
 
-def calibrate(classifier: Classifier, x: Inputs, y: Array) -> Calibrated:
+@dataclass(frozen=True)
+class Steps:
+    """Straight lines between knots, level beyond them.
+
+    Attributes:
+        decision: of each knot, rising, shape (K,).
+        confidence: of each knot, rising, shape (K,).
+    """
+
+    decision: tuple[float, ...]
+    confidence: tuple[float, ...]
+
+    def __call__(self, decision: Array) -> Array:
+        """Return confidences, shape (B,), of decisions (B,)."""
+        return np.interp(decision, self.decision, self.confidence)
+
+
+Mapping = Sigmoid | Steps
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A fitted classifier with its confidence and its cut.
+
+    Attributes:
+        classifier: what was fitted.
+        method: one of `METHODS`.
+        mapping: from its decisions to confidences.
+        point: where its confidences are cut.
+        missed: what to say of an aim that is out of reach; the cut is then balanced.
+    """
+
+    classifier: Classifier
+    method: str
+    mapping: Mapping
+    point: OperatingPoint
+    missed: str = ""
+
+    @property
+    def threshold(self) -> float:
+        """Confidence from which an echo is kept."""
+        return self.point.threshold
+
+    def confidence(self, x: Inputs) -> Array:
+        """Return the belief in a reflector, 0 to 1, shape (B,)."""
+        return self.mapping(self.classifier.decision(x))
+
+
+def calibrate(
+    classifier: Classifier, x: Inputs, y: Array, *, method: str = PLATT, aim: Aim | None = None
+) -> Calibrated:
     """Return a fitted classifier with the calibration and the threshold that rows call for.
 
     Args:
         classifier: what has been fitted, to other rows.
         x: inputs, shape (B, ...).
         y: True for a reflector, shape (B,).
+        method: one of `METHODS`.
+        aim: what the cut shall do; balanced unless given. One that is out of reach is told, and
+            the cut is balanced: what was trained for hours is not lost over it.
     """
+    check_choice("calibration", method, *METHODS)
     decision = classifier.decision(x)
-    slope, intercept = platt(decision, y)
-    threshold = best_threshold(expit(slope * decision + intercept), y)
-    return Calibrated(classifier, slope, intercept, threshold)
+    mapping = mapping_of(decision, y, method=method)
+    confidence = mapping(decision)
+    try:
+        return Calibrated(classifier, method, mapping, choose_cut(confidence, y, aim or Aim()))
+    except OutOfReach as error:
+        point = choose_cut(confidence, y, Aim())
+        return Calibrated(classifier, method, mapping, point, missed=str(error))
 
 
-def platt(decision: Array, y: Array) -> tuple[float, float]:
+def mapping_of(decision: Array, y: Array, *, method: str) -> Mapping:
+    """Return the mapping that decisions (B,) and labels (B,) call for by one of `METHODS`."""
+    if method == "isotonic":
+        return isotonic(decision, y)
+    return Sigmoid(*platt(decision, y, centred=method == "temperature"))
+
+
+def targets(y: Array) -> Array:
+    """Return what confidences are fitted to, shape (B,): 1 and 0, drawn in a little."""
+    positives = int(y.sum())
+    return np.where(y, (positives + 1) / (positives + 2), 1 / (len(y) - positives + 2))
+
+
+def platt(decision: Array, y: Array, *, centred: bool = False) -> tuple[float, float]:
     """Return slope a > 0 and intercept b of the best calibration.
 
     Args:
         decision: shape (B,).
         y: True for a reflector, shape (B,).
+        centred: whether the intercept is 0.
     """
     y = np.asarray(y).astype(bool)
 
     # The optimiser works on decisions of unit spread; where the quartiles coincide the deviation
     # stands in, and where all decisions do, nothing is scaled.
     low, centre, high = np.quantile(decision, [0.25, 0.5, 0.75])
+    if centred:
+        centre = 0.0
     spread = 1.0
     for candidate in (float(np.std(decision)), float(high - low)):
         if candidate > 1e-9 * abs(centre):
             spread = candidate
     z = np.clip((decision - centre) / spread, -100.0, 100.0)
-
-    positives = int(y.sum())
-    target = np.where(y, (positives + 1) / (positives + 2), 1 / (len(y) - positives + 2))
+    target = targets(y)
 
     def cost(parameters: Array) -> tuple[float, Array]:
         """Return the cross-entropy of slope and intercept, and its gradient."""
@@ -78,30 +165,35 @@ def platt(decision: Array, y: Array) -> tuple[float, float]:
         return likelihood, np.array([error @ z, error.sum()])
 
     start = np.array([1.0, 0.0])
-    bounds = [(SMALLEST_SLOPE, None), (None, None)]
+    bounds = [(SMALLEST_SLOPE, None), (0.0, 0.0) if centred else (None, None)]
     slope, intercept = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds).x
     return float(slope / spread), float(intercept - slope * centre / spread)
 
 
-def best_threshold(confidence: Array, y: Array) -> float:
-    """Return the cut with the largest balanced accuracy when confidence >= cut is kept.
-
-    Cuts lie midway between neighbouring confidences. Among equally good ones the one nearest to 0.5
-    is taken, so that a plateau does not leave the choice to chance.
+def isotonic(decision: Array, y: Array) -> Steps:
+    """Return the centred isotonic regression of labels on decisions.
 
     Args:
-        confidence: 0 to 1, shape (B,).
+        decision: shape (B,).
         y: True for a reflector, shape (B,).
     """
-    y = np.asarray(y).astype(bool)
-    values = np.unique(confidence)
-    if len(values) < 2:
-        return 0.5
-    cuts = (values[:-1] + values[1:]) / 2.0
-    kept_true = y.sum() - np.searchsorted(np.sort(confidence[y]), cuts)
-    dropped_false = np.searchsorted(np.sort(confidence[~y]), cuts)
-    balanced = kept_true / max(1, y.sum()) + dropped_false / max(1, (~y).sum())
+    order = np.argsort(decision, kind="stable")
+    values, starts = np.unique(decision[order], return_index=True)
+    # Equal decisions are one point, of the weight of all its rows.
+    count = np.diff(np.append(starts, len(order))).astype(float)
+    target = targets(np.asarray(y).astype(bool))[order]
+    found = isotonic_regression(np.add.reduceat(target, starts) / count, weights=count)
+    # Pools that differ by rounding are one.
+    pools = found.blocks[:-1]
+    pools = pools[np.append(True, np.diff(found.x[pools]) > ROUNDING)]
+    centre = np.add.reduceat(count * values, pools) / np.add.reduceat(count, pools)
+    return Steps(tuple(centre.tolist()), tuple(found.x[pools].tolist()))
 
-    # Cuts that divide the rows equally well differ by rounding only.
-    best = cuts[np.isclose(balanced, balanced.max(), rtol=0.0, atol=1e-12)]
-    return float(best[np.argmin(np.abs(best - 0.5))])
+
+def described(fitted: Calibrated) -> dict[str, Any]:
+    """Return a calibration as plain containers."""
+    mapping = fitted.mapping
+    if isinstance(mapping, Sigmoid):
+        return {"slope": mapping.slope, "intercept": mapping.intercept}
+    pairs = zip(mapping.decision, mapping.confidence, strict=True)
+    return {"knots": [list(pair) for pair in pairs]}

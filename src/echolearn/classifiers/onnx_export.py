@@ -1,6 +1,6 @@
 """A fitted classifier as one ONNX file: raw inputs in, confidence out, nothing to unpickle.
 
-    x (B, ...) float32 -> scorer -> d -> sigmoid(a d + b) -> confidence (B,) float64
+    x (B, ...) float32 -> scorer -> d -> calibration -> confidence (B,) float64
 
 torch traces the scorer and writes down its operators (`torch.onnx.export` with `dynamo=False`; the
 newer exporter parses its library of 500 operators anew at every call, which takes longer than
@@ -23,8 +23,8 @@ import torch
 
 from echolearn.acoustics.types import PARITY, Array
 from echolearn.checks import BadValue
-from echolearn.classifiers.calibration import Calibrated
-from echolearn.classifiers.constants import register_constants
+from echolearn.classifiers.calibration import Calibrated, Sigmoid
+from echolearn.classifiers.constants import Formula
 from echolearn.classifiers.inference import BLOCK, open_onnx
 from echolearn.classifiers.inputs import Inputs, blocks_of
 from echolearn.classifiers.remarks import without_remarks
@@ -48,18 +48,54 @@ ODD = np.array(
 class Confidence(torch.nn.Module):
     """A scorer with its calibration."""
 
-    slope: torch.Tensor
-    intercept: torch.Tensor
-
     def __init__(self, fitted: Calibrated) -> None:
         super().__init__()
         self.scorer = fitted.classifier.scorer()
-        register_constants(self, slope=fitted.slope, intercept=fitted.intercept)
+        mapping = fitted.mapping
+        if isinstance(mapping, Sigmoid):
+            formula = Formula(sigmoid, slope=mapping.slope, intercept=mapping.intercept)
+        else:
+            knots, rises = np.array(mapping.decision), np.diff(mapping.confidence)
+            widths = np.diff(knots)
+            lowest = mapping.confidence[0]
+            formula = Formula(steps, left=knots[:-1], width=widths, rise=rises, lowest=lowest)
+        self.mapping = formula
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Map (B, ...) to confidences (B,)."""
-        decision: torch.Tensor = self.scorer(x)
-        return torch.sigmoid(decision.double() * self.slope + self.intercept)
+        confidence: torch.Tensor = self.mapping(self.scorer(x).double())
+        return confidence
+
+
+def sigmoid(
+    decision: torch.Tensor, *, slope: torch.Tensor, intercept: torch.Tensor
+) -> torch.Tensor:
+    """Return the logistic of slope d + intercept, shape (B,).
+
+    Args:
+        decision: shape (B,).
+        slope, intercept: numbers.
+    """
+    return torch.sigmoid(decision * slope + intercept)
+
+
+def steps(
+    decision: torch.Tensor,
+    *,
+    left: torch.Tensor,
+    width: torch.Tensor,
+    rise: torch.Tensor,
+    lowest: torch.Tensor,
+) -> torch.Tensor:
+    """Return straight lines between knots: each adds the part of its rise that lies behind d.
+
+    Args:
+        decision: shape (B,).
+        left, width, rise: left end, width and rise of each line, shape (K - 1,).
+        lowest: confidence at the first knot.
+    """
+    part = ((decision[:, None] - left) / width).clamp(0.0, 1.0)
+    return lowest + (part * rise).sum(dim=1)
 
 
 class ProvedModel(NamedTuple):

@@ -45,7 +45,7 @@ def _train(config: "Config") -> Path:
         config=by_short_names(classifier),
         runs=Path(config["runs"]),
         microphones=build(config["scene"]["array"], "scene.array").positions,
-        **_built(config, "name folds command"),
+        **_built(config, "name folds calibration aim command"),
     )
     return Path(config["runs"]) / "train" / str(result["run"])
 
@@ -142,7 +142,7 @@ def _export(config: "Config") -> Path:
         best=_path(config["best"]),
         runs=Path(config["runs"]),
         **_built(config["scene"], "array probe", prefix="scene."),
-        **_built(config, "name resamples command"),
+        **_built(config, "name aim resamples command"),
     )
 
 

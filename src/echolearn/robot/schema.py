@@ -52,6 +52,13 @@ def check_command(name: str, value: Any) -> None:
     check(is_command(value), name, f"{value!a:.100}", allowed=allowed)
 
 
+def check_calibration(name: str, value: Any) -> None:
+    """Raise `BadValue` unless a value is a line of logits, or the knots of an isotonic one."""
+    sigmoid = {"slope": check_number, "intercept": check_number}
+    stepped = isinstance(value, dict) and "knots" in value
+    check_plain(name, value, table={"knots": [[check_number]]} if stepped else sigmoid)
+
+
 def check_microphones(name: str, value: Any) -> None:
     """Raise `BadValue` unless places are those of microphones on a robot."""
     count = len(check_metres(name, value, shape=(-1, 3), most=10.0))
@@ -78,7 +85,7 @@ TABLE: dict[str, Any] = {
     "input_shape": [partial(check_whole, low=1, high=10**5)],
     "label": tuple({"name": name, "true": meaning} for name, meaning in LABELS.items()),
     "threshold": {"value": SHARE, "chosen": check_text},
-    "calibration": {"slope": check_number, "intercept": check_number},
+    "calibration": check_calibration,
     "parity": {"difference": partial(check_number, low=0.0, high=PARITY), "trials": COUNT},
     "sample_rate": partial(check_number, low=1000.0, high=400_000.0, unit="Hz"),
     "speed_of_sound": partial(check_number, low=100.0, high=2000.0, unit="m/s"),

@@ -21,6 +21,7 @@ import echolearn
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import check
 from echolearn.classifiers.inputs import COVARIANCE, as_input, stack_inputs, view_of
+from echolearn.classifiers.operating_point import BALANCED
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics, scoring
 from echolearn.localization.columns import COVARIANCE_BANDS, UNITS, tensor_shape
@@ -52,8 +53,6 @@ def bundle_description(
     shape = [len(run.inputs)]
     if view_of(run.inputs) == COVARIANCE:
         shape = [*tensor_shape(run.inputs[0], len(array))]
-    rows = run.metrics["rows"]["validation"]
-    rule = f"largest balanced accuracy on {rows} validation rows; kept if confidence >= value"
     model = run.metrics["model"]
     target = run.model.target
     versions = {"echolearn": echolearn.__version__, "python": platform.python_version()}
@@ -71,7 +70,7 @@ def bundle_description(
         "bands": COVARIANCE_BANDS,
         "input_shape": shape,
         "label": {"name": target, "true": schema.LABELS[target]},
-        "threshold": {"value": run.threshold, "chosen": rule},
+        "threshold": {"value": run.threshold, "chosen": rule_of(run)},
         "calibration": run.metrics["calibration"],
         "parity": {"difference": model["parity"], "trials": model["trials"]},
         **recording_description(dataset.manifest["plan"], array=array, probe=probe),
@@ -79,6 +78,19 @@ def bundle_description(
         "metrics": {"held_out": held_out_figures(run, dataset, resamples=resamples)},
         "versions": versions,
     }
+
+
+def rule_of(run: Run) -> str:
+    """Return how the threshold of a run was chosen; runs of before know balanced cuts alone."""
+    rows = run.metrics["rows"]["validation"]
+    point = run.metrics.get("operating_point", {"aim": BALANCED})
+    rule = f"largest balanced accuracy on {rows} validation rows"
+    if point["aim"] != BALANCED:
+        shares = f"precision {point['precision']:.3g}, retention {point['retention']:.3g}"
+        rule = f"{point['aim']} on {rows} validation rows: {shares}"
+    elif point.get("missed"):
+        rule += f", as {point['missed']}"
+    return f"{rule}; kept if confidence >= value"
 
 
 def recording_description(

@@ -13,6 +13,7 @@ from typing import Any
 
 from echolearn.acoustics.types import MicArray, Probe
 from echolearn.checks import BadValue, check, check_name, check_whole
+from echolearn.classifiers.operating_point import BALANCED, Aim, choose_cut, point_of, read_aim
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.robot import bundle, schema, scorer
 from echolearn.storage import manifests
@@ -20,6 +21,7 @@ from echolearn.storage.advice import assignment, command_line, repair_hint
 from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.once import locked
 from echolearn.training.bundle_contents import bundle_description, bundle_files, map_figures
+from echolearn.training.predictions import validation_rows
 from echolearn.training.runs import Run, read_run
 
 RUN = "must be a folder that echolearn train wrote"
@@ -34,6 +36,7 @@ def export(
     probe: Probe,
     runs: Path,
     name: str | None = None,
+    aim: str | None = None,
     resamples: int = 1000,
     command: str | None = None,
 ) -> Path:
@@ -46,6 +49,8 @@ def export(
         probe: burst that it was made with.
         runs: folder of everything generated; the bundle goes to `runs/bundles`.
         name: name of the bundle's folder; that of the run unless given.
+        aim: what the cut shall do on the run's validation rows, see `operating_point`; None leaves
+            the run's own.
         resamples: bootstrap draws behind the intervals of its metrics.
         command: what makes the bundle again; None says nothing about it.
 
@@ -54,10 +59,11 @@ def export(
 
     Raises:
         BadValue: a run, set or comparison that is missing or damaged, other microphones or another
-            probe than the set's, a localizer that cannot travel, or a bundle of that name made from
-            another run.
+            probe than the set's, a localizer that cannot travel, a precision out of reach, or a
+            bundle of that name made from another run.
     """
     check_whole("resamples", resamples, low=20, high=100_000)
+    wanted = None if aim is None else read_aim(aim)
     source = find_run(run, best)
     name = source.identity if name is None else name
     check_name("name", name)
@@ -65,8 +71,12 @@ def export(
 
     # Everything is put together before the folder is touched: what fails leaves nothing.
     dataset = set_of(source)
+    own = source.threshold
+    source = source if wanted is None else cut_for(source, dataset, wanted)
     about = bundle_description(source, dataset, array=array, probe=probe, resamples=resamples)
-    about["metrics"]["maps"] = [] if best is None else map_figures(best, source)
+    # A comparison speaks of the maps that the run's own cut leaves.
+    same = best is not None and source.threshold == own
+    about["metrics"]["maps"] = map_figures(Path(best or ""), source) if same else []
     about |= {"name": name, **manifests.command_entry(command)}
     files = bundle_files(source, dataset, probe=probe)
     with locked(folder, waiting=f"{name}: waiting for another command that exports it"):
@@ -140,6 +150,25 @@ def set_of(run: Run) -> Dataset:
             return dataset
     make = command_line("generate", assignment("plan", run.model.trained_on), runs=place.parent)
     raise BadValue(f"run={run.folder}: its set must be under {place}; make it: {make}")
+
+
+def cut_for(run: Run, dataset: Dataset, aim: Aim) -> Run:
+    """Return a run with the cut that an aim calls for on its own validation rows.
+
+    Args:
+        run: finished run.
+        dataset: set that it was trained on.
+        aim: what the cut shall do.
+
+    Raises:
+        BadValue: a precision out of reach.
+    """
+    # Chosen again by the exported model, the run's own cut would differ by rounding.
+    if run.metrics.get("operating_point", {"aim": BALANCED})["aim"] == str(aim):
+        return run
+    point = choose_cut(*validation_rows(run, dataset), aim)
+    told = {"threshold": point.threshold, "operating_point": point_of(point)}
+    return Run(run.folder, {**run.metrics, **told})
 
 
 def check_free(folder: Path, run: Run) -> None:

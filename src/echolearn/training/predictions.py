@@ -24,7 +24,7 @@ from echolearn.localization.columns import EVERY_TENSOR
 from echolearn.simulation.scene import noise_kind
 from echolearn.storage import known, manifests
 from echolearn.training.runs import Run
-from echolearn.training.split import groups_of, split_groups
+from echolearn.training.split import LearningProblem, groups_of, split_groups
 
 BLOCK = 1024
 """Rows that a model from elsewhere is given at a time."""
@@ -93,6 +93,19 @@ def held_out_rows(run: Run, dataset: Dataset) -> Array:
     """
     groups = groups_of(dataset, split=run.metrics["split"])
     return split_groups(groups, share=run.metrics["test_share"], seed=run.seed)[1]
+
+
+def validation_rows(run: Run, dataset: Dataset) -> tuple[Array, Array]:
+    """Return what a run predicts about its validation rows, and their labels, each (B,).
+
+    Args:
+        run: finished run.
+        dataset: set that it was trained on.
+    """
+    told = ("target", "seed", "split", "test_share", "validation_share")
+    problem = LearningProblem(dataset, **{key: run.metrics[key] for key in told})
+    rows = problem.parts().validation
+    return predict(run, dataset, rows), problem.labels()[rows]
 
 
 def predict_rows(run: Run, dataset: Dataset, *, held_out: bool = False) -> Predictions:

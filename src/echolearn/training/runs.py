@@ -43,7 +43,7 @@ TABLE: dict[str, Any] = {
     "inputs": check_input_names,
     "threshold": check_number,
     "model": {"sha256": check_text, "parity": check_number, "trials": check_number},
-} | {key: FIELDS[key] for key in ("target", "seed", "split", "test_share")}
+} | {key: FIELDS[key] for key in ("target", "seed", "split", "test_share", "validation_share")}
 """What is read of a run's `metrics.json`; other keys are for people."""
 
 

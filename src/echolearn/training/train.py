@@ -5,7 +5,7 @@
 
 `fit` sees the training part, and the validation part for early stopping only. The validation part
 also fixes the calibration and the threshold, by the same rule for every classifier
-(`classifiers.calibration`). The test part is looked at once.
+(`classifiers.calibration`, `classifiers.operating_point`). The test part is looked at once.
 
 A run's folder is named after its configuration and its data. It holds `config.json`, `model.onnx`
 (raw inputs to confidence, the only form in which a model is ever loaded again), `timing.json`,
@@ -28,10 +28,11 @@ from typing import Any
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.checks import BadValue, check, check_name
-from echolearn.classifiers.calibration import Calibrated, calibrate
+from echolearn.checks import BadValue, check, check_choice, check_name
+from echolearn.classifiers.calibration import METHODS, PLATT, Calibrated, calibrate, described
 from echolearn.classifiers.classifier import Classifier, Examples
 from echolearn.classifiers.inputs import Rows
+from echolearn.classifiers.operating_point import BALANCED, point_of, read_aim
 from echolearn.evaluation import metrics
 from echolearn.storage import files, manifests
 from echolearn.storage.identity import canonical, digest, kind_of
@@ -56,6 +57,8 @@ def train(
     config: Mapping[str, Any],
     runs: Path,
     folds: int = 0,
+    calibration: str = PLATT,
+    aim: str = BALANCED,
     microphones: Array | None = None,
     command: str | None = None,
 ) -> Metrics:
@@ -68,6 +71,8 @@ def train(
         config: what `classifier` is made from, as plain containers; part of the run's identity.
         runs: folder of everything generated.
         folds: folds of a cross-validation on all that is not for testing (the paper has 5), or 0.
+        calibration: one of `calibration.METHODS`.
+        aim: what the cut shall do on validation rows, see `operating_point`.
         microphones: positions in the set's recordings, shape (M, 3), in m, for the metrics: by them
             other recordings are known to be of the same array; None says nothing about them.
         command: what makes the run again, for its metrics; None says nothing about it.
@@ -79,9 +84,13 @@ def train(
         BadValue: an argument out of range, a column that the set lacks, a part without both labels,
             a full disk.
     """
-    _check(name, folds)
+    _check(name, folds, calibration=calibration)
     about = {"format": FORMAT, "name": name, "classifier": dict(config), "folds": folds}
     identity = about | {"problem": problem.identity()}
+    # Runs of before, which had no choice, keep their names.
+    chosen = {"calibration": calibration, "aim": str(read_aim(aim))}
+    usual = {"calibration": PLATT, "aim": BALANCED}
+    identity |= {key: value for key, value in chosen.items() if value != usual[key]}
     title = f"{name}-{problem.dataset.name}-s{problem.seed}"
     folder = Path(runs) / "train" / f"{title}-{digest(identity)}"
     finished = partial(finished_metrics, folder, identity)
@@ -100,8 +109,9 @@ def train(
         return once(folder, finished=finished, make=make, doing="trains this run")
 
 
-def _check(name: str, folds: int) -> None:
+def _check(name: str, folds: int, *, calibration: str) -> None:
     check_name("name", name)
+    check_choice("calibration", calibration, *METHODS)
     allowed = "must be 0 (no cross-validation) or from 2 to 20"
     check(folds in (0, *range(2, 21)), "folds", folds, allowed=allowed)
 
@@ -154,7 +164,8 @@ def make_run(
     shutil.rmtree(folder, ignore_errors=True)
     files.save_json(folder / CONFIG, identity)
     parts = problem.parts()
-    fitted = fit_calibrated(classifier(), problem, parts=parts, folder=folder)
+    cut = {key: identity[key] for key in ("calibration", "aim") if key in identity}
+    fitted = fit_calibrated(classifier(), problem, parts=parts, folder=folder, **cut)
     fitting = time.monotonic() - began
 
     x = problem.inputs(fitted.classifier.inputs)
@@ -167,7 +178,7 @@ def make_run(
         **told,
         **facts_of(fitted),
         "rows": {part: len(rows) for part, rows in parts._asdict().items()},
-        "cross_validation": cross_validate(problem, classifier, folds=folds, folder=folder),
+        "cross_validation": cross_validate(problem, classifier, folds=folds, folder=folder, **cut),
         "model": write_model(fitted, x.part(parts.test), folder=folder),
         "validation": evaluate_rows(fitted, problem, rows=parts.validation),
         "test": evaluate_rows(fitted, problem, rows=parts.test),
@@ -185,7 +196,13 @@ def make_run(
 
 
 def fit_calibrated(
-    model: Classifier, problem: LearningProblem, *, parts: Parts, folder: Path
+    model: Classifier,
+    problem: LearningProblem,
+    *,
+    parts: Parts,
+    folder: Path,
+    calibration: str = PLATT,
+    aim: str = BALANCED,
 ) -> Calibrated:
     """Fit a classifier to the training rows of `parts`, calibrate it on the validation rows.
 
@@ -194,6 +211,7 @@ def fit_calibrated(
         problem: what to learn.
         parts: rows of the problem's set.
         folder: place of the classifier's own logs.
+        calibration, aim: as those of `train`.
     """
     x = problem.inputs(model.inputs)
     y = problem.labels()
@@ -207,7 +225,7 @@ def fit_calibrated(
         seed=problem.seed,
     )
     model.fit(examples)
-    return calibrate(model, *unseen)
+    return calibrate(model, *unseen, method=calibration, aim=read_aim(aim))
 
 
 def facts_of(fitted: Calibrated) -> Metrics:
@@ -219,7 +237,8 @@ def facts_of(fitted: Calibrated) -> Metrics:
         "role": "baseline" if method in BASELINES else "learned",
         "inputs": list(model.inputs),
         "threshold": fitted.threshold,
-        "calibration": {"slope": fitted.slope, "intercept": fitted.intercept},
+        "operating_point": point_of(fitted.point) | {"missed": fitted.missed or None},
+        "calibration": described(fitted),
         "grid_search": getattr(model, "cross_validation", None),
         "accelerator": getattr(model, "device", "cpu"),
     }
@@ -242,7 +261,12 @@ def evaluate_rows(
 
 
 def cross_validate(
-    problem: LearningProblem, classifier: Callable[[], Classifier], *, folds: int, folder: Path
+    problem: LearningProblem,
+    classifier: Callable[[], Classifier],
+    *,
+    folds: int,
+    folder: Path,
+    **cut: str,
 ) -> Metrics | None:
     """Return mean and standard deviation of each metric over folds; None if there are no folds.
 
@@ -251,6 +275,7 @@ def cross_validate(
         classifier: makes an unfitted one for each fold.
         folds: number of folds.
         folder: folder of the run, in which each fold has a temporary one.
+        cut: `calibration` and `aim`, as those of `train`.
     """
     if not folds:
         return None
@@ -258,7 +283,8 @@ def cross_validate(
     for parts in problem.folds(folds):
         # A network's logs of a fold would pass for those of the run.
         with TemporaryDirectory(dir=folder) as place:
-            fitted = fit_calibrated(classifier(), problem, parts=parts, folder=Path(place))
+            about: Any = {"parts": parts, "folder": Path(place)} | cut
+            fitted = fit_calibrated(classifier(), problem, **about)
         scores.append(evaluate_rows(fitted, problem, rows=parts.test))
     result = {}
     for name in scores[0]:
@@ -289,3 +315,6 @@ def _report(result: Mapping[str, Any], seconds: float) -> None:
     figures = f"test AUC {test['auc']:.3f}, balanced accuracy {test['balanced_accuracy']:.3f}"
     spent = f"{seconds:.1f} s on {result['accelerator']}"
     print(f"{result['run']}: {spent}, {figures}", file=sys.stderr, flush=True)
+    missed = result["operating_point"]["missed"]
+    if missed:
+        print(f"{result['run']}: {missed}; cut for balanced", file=sys.stderr, flush=True)
