@@ -209,9 +209,10 @@ def verify_folder(name: str) -> str:
 def localizers(plan: str) -> dict[str, Any]:
     """Return every localizer that has a file, by its name, with the search window of a plan."""
     from echolearn.cli.compose import compose
-    from echolearn.cli.config import build, folder
+    from echolearn.cli.config import build
+    from echolearn.cli.own import options_of
 
-    names = sorted(path.stem for path in (folder() / "localizer").glob("*.yaml"))
+    names = options_of("localizer")
     jobs = compose("generate", [f"plan={plan}", f"localizer={','.join(names)}"], many=True)
     return {job["choice"]["localizer"]: build(job["localizer"], "localizer") for _, job in jobs}
 
@@ -236,7 +237,8 @@ def _generating(config: "Config") -> str:
     words = shlex.split(config["command"])[2:]
     keys = [re.split(r"[.@=]", word)[0] for word in words]
     found = [re.search(rf"(?m)^(  - )?{re.escape(key)}:", known) for key in keys]
-    own = [word for word, there in zip(words, found, strict=True) if there]
+    options = [word.startswith("--config-dir=") for word in words]
+    own = [word for word, *there in zip(words, found, options, strict=True) if any(there)]
     return shlex.join(["echolearn", "generate", *own])
 
 

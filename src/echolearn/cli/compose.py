@@ -11,13 +11,16 @@ so a slip in the last one stops them all.
 import copy
 import shlex
 from collections.abc import Iterator, Sequence
+from contextlib import redirect_stdout
 from functools import cache
 from importlib.util import find_spec
+from io import StringIO
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from echolearn.checks import BadValue, suggest
 from echolearn.cli.config import Config, UsageError, folder
+from echolearn.cli.own import folders, teach_hydra
 from echolearn.cli.targets import TARGET
 from echolearn.cli.words import TEXTS, is_text, plain_config, quoted, split
 from echolearn.storage.files import one_line
@@ -31,7 +34,12 @@ OPTIONAL = ("diffuse", "localizer@localizers.")
 
 
 def compose(
-    command: str, words: Sequence[str], *, many: bool = False, resolve: bool = True
+    command: str,
+    words: Sequence[str],
+    *,
+    many: bool = False,
+    resolve: bool = True,
+    primary: str | None = None,
 ) -> list[tuple[str, Config]]:
     """Return every job of a command line: what was swept, and its configuration.
 
@@ -43,6 +51,7 @@ def compose(
         words: overrides in Hydra's grammar.
         many: whether they may sweep.
         resolve: replace interpolations by what they stand for.
+        primary: name of another primary configuration.
 
     Raises:
         UsageError: an override that cannot be understood, or a key or an option that does not
@@ -56,11 +65,14 @@ def compose(
     from omegaconf.errors import OmegaConfBaseException
 
     try:
+        teach_hydra()
         with initialize_config_dir(version_base="1.3", config_dir=str(folder())):
-            return [
-                (swept, _configuration(command, job, resolve=resolve))
-                for swept, job in _expand(words, many=many)
-            ]
+            jobs = []
+            for swept, job in _expand(words, many=many):
+                config = _configuration(primary or command, job, resolve=resolve)
+                told = {"command": command_of(command, job, primary=primary)}
+                jobs.append((swept, config | told))
+            return jobs
     except (HydraException, OmegaConfBaseException) as error:
         raise UsageError(str(error).split("\nSee http")[0]) from error
 
@@ -143,7 +155,49 @@ def _configuration(command: str, job: Sequence[str], *, resolve: bool) -> Config
             _set(config, override, known=known)
 
     plain: Any = OmegaConf.to_container(config, resolve=resolve, throw_on_missing=resolve)
-    return {**plain, "command": shlex.join(["echolearn", command, *job])}
+    return dict(plain)
+
+
+def command_of(command: str, words: Sequence[str], *, primary: str | None) -> str:
+    """Return the command line of one job, with the options without which it would mean another.
+
+    Args:
+        command: what is done.
+        words: overrides.
+        primary: name of the primary configuration that was typed, if any.
+    """
+    options = [f"--config-name={primary}"] if primary else []
+    options += [f"--config-dir={place}" for place in folders()[1:]]
+    return shlex.join(["echolearn", command, *words, *options])
+
+
+def show_info(wish: str, primary: str, words: Sequence[str]) -> str:
+    """Return what Hydra tells of how a configuration is put together.
+
+    Args:
+        wish: what to tell, as `--info` has it.
+        primary: name of the primary configuration.
+        words: overrides.
+
+    Raises:
+        UsageError: an override that Hydra cannot understand.
+    """
+    from hydra import initialize_config_dir
+    from hydra.core.global_hydra import GlobalHydra
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    teach_hydra()
+    try:
+        with initialize_config_dir(version_base="1.3", config_dir=str(folder())):
+            hydra = GlobalHydra.instance().hydra
+            assert hydra is not None
+            # Hydra logs it line by line, and would complain at each that nobody reads any more.
+            with redirect_stdout(StringIO()) as told:
+                hydra.show_info(wish, config_name=primary, overrides=list(words))
+            return told.getvalue().strip()
+    except (HydraException, OmegaConfBaseException) as error:
+        raise UsageError(str(error).split("\nSee http")[0]) from error
 
 
 def _chooses(override: "Override") -> bool:

@@ -18,30 +18,16 @@ from signal import SIGPIPE
 from typing import Any
 
 from echolearn.cli.commands import COMMANDS, verify_folder
+from echolearn.cli.own import VARIABLE, use_own
 from echolearn.cli.streams import secure_streams
 
-HELP = """usage: echolearn <command> [key=value ...] [options]
+OPTIONS = (
+    *("-m", "--multirun", "-j", "--cfg", "--resolve", "--info", "--help", "--traceback"),
+    *("--config-dir", "--config-name"),
+)
 
-{summary}
-
-commands:
-{commands}
-
-options:
-  --help       of a command: its groups and keys
-  --version    show the version
-  --cfg        show the whole configuration instead of running it
-  -m           run once for every combination: seed=0,1,2 classifier=svm_pair,trees_features
-  --           with -m: another sweep follows; what stands before the first -- holds for all
-  -j N         with -m: do N jobs at a time, each in a process of its own; or let a launcher of
-               Hydra do them: hydra/launcher=joblib, set by hydra.launcher.<key>=<value>
-  --traceback  show where in the code an error arose
-
-Values are written in Hydra's override grammar: key=[1,2] is one list, and 'classifier=glob(*)'
-sweeps over all options.
-"""
-
-OPTIONS = ("-m", "-j", "--cfg", "--help", "--traceback")
+INFO = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
+"""What Hydra tells of how it puts a configuration together."""
 
 ALONE = ("generate", "check", "map")
 """Commands that compute with one thread."""
@@ -82,8 +68,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def dispatch(words: Sequence[str], *, trace: bool) -> None:
     """Find the command, and run or explain it."""
     command, *rest = words or ["--help"]
+    own = _own_folder(rest)
+    if own:
+        use_own(own)
     if command in ("--help", "-h"):
+        from echolearn.cli.help import overview
+
         print(overview())
+    elif command == "-sc":
+        from echolearn.cli.completion import complete
+
+        print(complete(rest, options=OPTIONS))
     elif command == "--version":
         from echolearn import __version__
 
@@ -95,7 +90,9 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
         advice = suggest(command, [*COMMANDS, "verify"])
         raise UsageError(f"{command}: there is no such command; {advice}")
     elif "--help" in rest or "-h" in rest:
-        print(explain(command))
+        from echolearn.cli.help import explain
+
+        print(explain(command, rest))
     elif command == "verify":
         verify_folders(rest, trace=trace)
     else:
@@ -108,35 +105,15 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
             run(command, rest, trace=trace)
 
 
-def overview() -> str:
-    """Return the text of `echolearn --help`."""
-    import echolearn
-
-    functions = {**COMMANDS, "verify": verify_folder}
-    lines = [f"  {name:10}{function.__doc__}" for name, function in functions.items()]
-    summary = (echolearn.__doc__ or "").split("\n")[0]
-    return HELP.format(summary=summary, commands="\n".join(lines)).rstrip()
-
-
-def explain(command: str) -> str:
-    """Return the text of `echolearn <command> --help`: what it does, its groups, its keys."""
-    from echolearn.cli.config import folder
-
-    if command == "verify":
-        return f"usage: echolearn verify <folder> ...\n\n{verify_folder.__doc__}"
-    text = f"usage: echolearn {command} [key=value ...] [-m]\n\n{COMMANDS[command].__doc__}"
-
-    # The file begins with its groups, "- localizer@place: option", and goes on with its keys.
-    head, _, keys = (folder() / f"{command}.yaml").read_text().partition("\n\n")
-    listed = head.partition("defaults:\n")[2].splitlines()
-    groups = dict.fromkeys(line.strip(" -").partition(":")[0].partition("@")[0] for line in listed)
-    groups.pop("_self_", None)
-    if groups:
-        text += f"\n\ngroups, as in {command} group=option:\n"
-    for group in groups:
-        options = sorted(path.stem for path in (folder() / group).glob("*.yaml"))
-        text += f"\n  {group:12}{', '.join(options)}"
-    return f"{text}\n\nkeys:\n\n{keys}"
+def _own_folder(words: Sequence[str]) -> str | None:
+    """Return the user's folder that a command line or the environment names."""
+    option = "--config-dir"
+    for word, following in zip(words, [*words[1:], ""], strict=True):
+        if word == option:
+            return following
+        if word.startswith(f"{option}="):
+            return word.partition("=")[2]
+    return os.environ.get(VARIABLE)
 
 
 def verify_folders(folders: Sequence[str], *, trace: bool) -> None:
@@ -174,6 +151,11 @@ def run(command: str, words: Sequence[str], *, trace: bool) -> None:
     from echolearn.cli.sweeps import run_all, say
 
     options, launcher, sweeps = parse(words)
+    if options.info:
+        from echolearn.cli.compose import show_info
+
+        print(show_info(options.info, options.config_name or command, sweeps[0]))
+        return
     jobs = composed(command, sweeps, options=options)
     if options.cfg:
         import yaml
@@ -205,8 +187,13 @@ def composed(command: str, sweeps: Sequence[Sequence[str]], *, options: Namespac
     from echolearn.cli.names import named_apart
 
     jobs: list[Job] = []
+    about = {
+        "many": options.m,
+        "resolve": options.resolve or not options.cfg,
+        "primary": options.config_name,
+    }
     for sweep in sweeps:
-        jobs += compose(command, sweep, many=options.m, resolve=not options.cfg)
+        jobs += compose(command, sweep, **about)
     for _, config in jobs:
         if not config["runs"].strip():
             hint = "the current one is runs=."
@@ -224,18 +211,24 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:
     from echolearn.cli.config import UsageError
 
     parser = ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
-    parser.add_argument("-m", action="store_true")
+    parser.add_argument("-m", "--multirun", action="store_true", dest="m")
     parser.add_argument("--cfg", action="store_true")
+    parser.add_argument("--resolve", action="store_true")
+    parser.add_argument("--info", choices=INFO)
+    parser.add_argument("--config-dir")
+    parser.add_argument("--config-name")
     parser.add_argument("-j", type=int, choices=range(1, 1025), metavar="N", default=1)
 
     # The word before the first -- keeps the first part from being empty.
-    parts = groupby(["first", *words], "--".__eq__)
+    parts = groupby(["first", *_with_values(words)], "--".__eq__)
     [_, *shared], *sweeps = [list(part) for dashes, part in parts if not dashes]
     try:
         options, rest = parser.parse_known_args(shared)
-    except ArgumentError:
-        hint = "must be followed by the number of processes, from 1 to 1024"
-        raise UsageError(f"-j: {hint}") from None
+    except ArgumentError as error:
+        name = str(error.argument_name).rpartition("/")[2]
+        hint = {"-j": "the number of processes, from 1 to 1024", "--info": " or ".join(INFO)}
+        wanted = hint.get(name, "a folder" if name == "--config-dir" else "a name")
+        raise UsageError(f"{name}: must be followed by {wanted}") from None
     for word in sum(sweeps, rest):
         if word.startswith("-"):
             raise UsageError(f"{word}: there is no such option; {suggest(word, OPTIONS)}")
@@ -246,3 +239,16 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:
         raise UsageError(f"{needless[0]}: is for sweeps over several values; -m is missing")
     common = [word for word in rest if word not in launcher]
     return options, launcher, [[*common, *sweep] for sweep in sweeps or [[]]]
+
+
+def _with_values(words: Sequence[str]) -> list[str]:
+    """Return words in which options whose value may be left out, as Hydra's, have theirs."""
+    found: list[str] = []
+    for word in words:
+        if word == "--info":
+            found.append("--info=all")
+        elif found[-1:] == ["--info=all"] and "=" not in word and not word.startswith("-"):
+            found[-1] = f"--info={word}"
+        elif not (found[-1:] == ["--cfg"] and word == "job"):
+            found.append(word)
+    return found

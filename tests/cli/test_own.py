@@ -1,0 +1,150 @@
+"""A user's own parts, in a folder of the user's own; what the tab key and `--info` say of all."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from echolearn.cli.completion import SCRIPTS
+from echolearn.cli.own import VARIABLE
+
+MODULE = '''"""A column itself."""
+
+from echolearn.classifiers.methods.threshold import Threshold
+
+
+class Plain(Threshold):
+    """A threshold under another name."""
+'''
+
+OPTION = """_target_: plain.Plain
+inputs: [score]  # the column
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    """Return a folder with a module, an option and a command's own file."""
+    (tmp_path / "mine" / "classifier").mkdir(parents=True)
+    (tmp_path / "mine" / "plain.py").write_text(MODULE)
+    (tmp_path / "mine" / "classifier" / "plain_score.yaml").write_text(OPTION)
+    (tmp_path / "mine" / "quick.yaml").write_text("defaults: [train, _self_]\nseed: 5\n")
+    return tmp_path
+
+
+def echolearn(*words: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run a command line in a folder, with some variables in its environment."""
+    return subprocess.run(
+        [sys.executable, "-m", "echolearn", *words],
+        cwd=folder,
+        env={**os.environ, "COLUMNS": "200"} | variables,
+        capture_output=True,
+        text=True,
+    )
+
+
+def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_from(own, tmp_path):
+    words = ["plan=tiny_scattered", "plan.rows=64"]
+    lines = [
+        ["generate", *words, "workers=1"],
+        ["train", *words, "classifier=plain_score", "--config-dir", "mine"],
+    ]
+    # One process for both, since each has to load numpy and torch.
+    code = f"from echolearn.cli.main import main; assert not any(map(main, {lines}))"
+    subprocess.run([sys.executable, "-c", code], cwd=own, check=True)
+    runs = list((own / "runs" / "train").iterdir())
+    assert [run.name[:30] for run in runs] == ["plain_score-tiny_scattered-s0-"]
+    assert f"--config-dir={own / 'mine'}" in (runs[0] / "metrics.json").read_text()
+    assert '"plain.Plain"' in (runs[0] / "config.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["train", "--config-dir=mine", "-m", "classifier=glob(plain*)", "--cfg"], "plain.Plain"),
+        (["train", "--config-dir=mine", "--config-name=quick", "--cfg", "job"], "seed: 5"),
+        (["train", "--multirun", "seed=1,2", "--cfg", "--resolve"], "seed: 2"),
+        (["train", "--config-dir=mine", "--help", "classifier=plain_score"], "# the column"),
+        (["train", "--help"], "keys of plan=paper"),
+        (["train", "--config-dir=mine", "--info", "searchpath"], "/mine"),
+        (["train", "--info", "defaults-tree"], "classifier: svm_pair"),
+    ],
+)
+def test_what_hydra_offers_is_there(words, said, own):
+    done = echolearn(*words, folder=own)
+    assert done.returncode == 0
+    assert said in done.stdout
+    assert done.stderr == ""
+
+
+def test_the_folder_may_be_named_by_a_variable(own):
+    done = echolearn("train", "classifier=plain_score", "--cfg", folder=own, **{VARIABLE: "mine"})
+    assert "plain.Plain" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--config-dir", "nowhere"], "config-dir=nowhere: must be a folder"),
+        (["--config-dir", "double"], "config-dir=double with classifier/svm_pair.yaml: must have"),
+        (["--config-dir"], "--config-dir: must be followed by a folder"),
+        (["--config-name", "none"], "none"),
+        (["--info", "nothing"], "--info: must be followed by all or config"),
+    ],
+)
+def test_a_slip_ends_in_one_line(words, said, own):
+    (own / "double" / "classifier").mkdir(parents=True)
+    shutil.copy(
+        own / "mine" / "classifier" / "plain_score.yaml",
+        own / "double" / "classifier" / "svm_pair.yaml",
+    )
+    done = echolearn("train", *words, folder=own)
+    assert done.returncode in (1, 2)
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("echolearn tr", ["train"]),
+        ("echolearn train classi", ["classifier.", "classifier="]),
+        ("echolearn train classifier=pl", ["classifier=plain_score"]),
+        ("echolearn train classifier=trees_features classifier.it", ["classifier.iterations="]),
+        ("echolearn train --config-n", ["--config-name"]),
+        ("echolearn map survey=mi", ["survey=mine/"]),
+        ("echolearn verify mi", ["mine/"]),
+        ("echolearn nothing x", []),
+    ],
+)
+def test_the_tab_key_completes(line, words, own):
+    variables = {VARIABLE: "mine", "COMP_LINE": line}
+    done = echolearn("-sc", "query=bash", folder=own, **variables)
+    assert done.stdout.split() == words
+
+
+@pytest.mark.parametrize("shell", SCRIPTS)
+def test_a_shell_can_read_what_it_is_to_evaluate(shell, own):
+    script = echolearn("-sc", f"install={shell}", folder=own).stdout
+    if shutil.which(shell) is None:
+        pytest.skip(f"no {shell} here")
+    done = subprocess.run([shell, "-n"], input=script, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_bash_completes_a_line(own):
+    """The function that bash calls, called by bash itself."""
+    program = own / "echolearn"
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m echolearn "$@"\n')
+    program.chmod(0o755)
+    script = """eval "$(echolearn -sc install=bash)"
+COMP_LINE="echolearn survey room=l"; COMP_POINT=${#COMP_LINE}; _echolearn
+echo "${COMPREPLY[@]}" """
+    path = f"{own}:{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-c", script], env=os.environ | {"PATH": path}, capture_output=True, text=True
+    )
+    assert done.stdout.strip() == "room=l_shape", done.stderr
