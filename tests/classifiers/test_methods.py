@@ -1,4 +1,4 @@
-"""What is particular to each method: threshold, SVM, trees, network."""
+"""What is particular to each method: threshold, SVM, trees, network, ensemble."""
 
 import re
 from collections.abc import Callable
@@ -15,9 +15,10 @@ from sklearn.svm import SVC
 from echolearn.checks import BadValue
 from echolearn.classifiers import onnx_export
 from echolearn.classifiers.architectures import CovarianceNet, Mlp
-from echolearn.classifiers.calibration import calibrate
+from echolearn.classifiers.calibration import calibrate, platt
 from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.inputs import as_input
+from echolearn.classifiers.methods.ensemble import Ensemble
 from echolearn.classifiers.methods.network import Network, accelerators
 from echolearn.classifiers.methods.svm import Svm, some_positions
 from echolearn.classifiers.methods.threshold import Threshold
@@ -241,3 +242,33 @@ def test_bad_arguments_are_named_in_one_line(part):
 def test_as_input_names_the_column():
     with pytest.raises(BadValue, match="power=nan in row 1"):
         as_input(np.array([[1.0, 2.0], [3.0, np.nan]]), ["toa", "power"])
+
+
+class TestEnsemble:
+    @staticmethod
+    def members():
+        svm = Svm(["b"], c_grid=[1.0], gamma_grid=[0.1], folds=2)
+        return {"trees": Trees(["a", "b"], iterations=20, min_leaf=5), "svm": svm}
+
+    def test_is_the_mean_of_the_logits_that_its_members_have_alone(self, fit):
+        rng = np.random.default_rng(0)
+        y = rng.random(300) < 0.5
+        x = (rng.normal(size=(300, 2)) + y[:, None]).astype(np.float32)
+        logits = []
+        for member, columns in zip(self.members().values(), ([0, 1], [1]), strict=True):
+            decision = fit(member, x[:, columns], y).decision(x[:, columns])
+            slope, intercept = platt(decision, y)
+            logits.append(slope * decision + intercept)
+        found = fit(Ensemble(self.members()), x, y)
+        assert found.inputs == ("a", "b")
+        np.testing.assert_allclose(found.decision(x), np.mean(logits, axis=0), rtol=1e-6)
+
+    def test_of_what_does_not_see_the_same_is_refused(self):
+        tensors = {name: Network([f"covariance{name}"], CovarianceNet()) for name in ("", "_gated")}
+        for members, said in (
+            ({"alone": Trees(["a"])}, "must be two classifiers or more, by name"),
+            ({**self.members(), "": tensors[""]}, "must all see columns, or all the same tensor"),
+            (tensors, "must all see columns, or all the same tensor"),
+        ):
+            with pytest.raises(BadValue, match=said):
+                Ensemble(members)

@@ -100,9 +100,9 @@ def imported(target: object, name: str) -> Callable[..., Any]:
 
 
 def _place(name: str) -> str:
-    """Return which place a dotted name is; localizers and scenes have names of their own."""
+    """Return which place a dotted name is; of several, each has a name of its own."""
     *before, last = name.split(".")
-    for many, one in (("localizers", "localizer"), ("scenes", "scene")):
+    for many, one in (("localizers", "localizer"), ("scenes", "scene"), ("members", "classifier")):
         if before[-1:] == [many]:
             return one
     # What a field of noise consists of, and who has measured, share a name.
