@@ -192,8 +192,10 @@ class TestRun:
         assert "hp_metric" not in scalars and "test/pr" in events.Tags()["tensors"]
         auc = manifests.verify(done)["test"]["auc"]
         assert events.Scalars("test/auc")[-1].value == pytest.approx(auc, rel=1e-6)
-        start = "_hparams_/session_start_info"
-        assert sum(tag.startswith(start) for tag in events.summary_metadata) == 1
+        # An experiment in one run would hide the hyperparameters of the others.
+        said = {tag for tag in events.summary_metadata if tag.startswith("_hparams_")}
+        assert said == {f"_hparams_/session_{part}_info" for part in ("start", "end")}
+        assert "test/reliability" in events.Tags()["images"]
 
     def test_cross_validation_and_grid_search_are_recorded_and_one_line_said(
         self, toy, tmp_path, capfd
@@ -206,6 +208,13 @@ class TestRun:
         search = result["grid_search"]
         assert search["gamma"] in SVM["gamma_grid"]
         assert search["search_rows"] == search["fit_rows"] == result["rows"]["train"]
+        # TensorBoard draws the whole grid, a curve over C for each gamma.
+        events = EventAccumulator(str(tmp_path / "train" / result["run"]))
+        events.Reload()
+        tags = [f"search/gamma={gamma:g}" for gamma in SVM["gamma_grid"]]
+        grid = [[each.value for each in events.Scalars(tag)] for tag in tags]
+        assert np.shape(grid) == (len(SVM["gamma_grid"]), len(SVM["c_grid"]))
+        assert np.max(grid) == pytest.approx(search["auc"])
 
     def test_finding_a_finished_run_loads_no_learning_library(self, done, method, toy):
         code = f"""

@@ -188,7 +188,8 @@ def make_run(
 
     confidence = fitted.confidence(x.part(parts.test))
     shown = {"reference": problem.labels()[parts.test], "confidence": confidence}
-    write_events(folder, identity=identity, result=result, **shown)
+    curves = getattr(fitted.classifier, "curves", {})
+    write_events(folder, identity=identity, result=result, **shown, curves=curves)
     total = time.monotonic() - began
     files.save_json(folder / "timing.json", {"fit": round(fitting, 3), "total": round(total, 3)})
     _report(result, total)

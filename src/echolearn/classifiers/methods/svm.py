@@ -57,6 +57,7 @@ class Svm:
         n_jobs: processes of the search.
         cross_validation: after `fit`, mean and standard deviation over folds of the chosen pair's
             AUC, C, gamma, and the rows that search and fit have seen.
+        curves: after `fit`, mean AUC over `c_grid` for each gamma.
     """
 
     inputs: tuple[str, ...]
@@ -67,6 +68,7 @@ class Svm:
     fit_rows: int = 10_000
     n_jobs: int = 1
     cross_validation: dict[str, float] = field(init=False, repr=False)
+    curves: dict[str, list[float]] = field(init=False, repr=False)
     pipeline: Pipeline = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -120,6 +122,8 @@ class Svm:
         scores = np.array(Parallel(self.n_jobs)(jobs))
         mean = scores.mean(axis=0)
         best = np.unravel_index(mean.argmax(), mean.shape)
+        names = [f"search/gamma={gamma:g}" for gamma in self.gamma_grid]
+        self.curves = dict(zip(names, mean.T.tolist(), strict=True))
         return {
             "auc": float(mean[best]),
             "auc_sd": float(scores.std(axis=0)[best]),

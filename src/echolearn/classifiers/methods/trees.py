@@ -46,6 +46,7 @@ class Trees:
         min_leaf: rows in a leaf, at least.
         l2: ridge penalty on the leaves' values.
         patience: number of trees without a lower validation loss before stopping.
+        curves: after `fit`, losses of both parts after each tree, the first before any.
     """
 
     inputs: tuple[str, ...]
@@ -57,6 +58,7 @@ class Trees:
     l2: float = 1.0
     patience: int = 30
     model: HistGradientBoostingClassifier = field(init=False, repr=False)
+    curves: dict[str, list[float]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self.inputs = check_inputs(self.inputs)
@@ -78,6 +80,9 @@ class Trees:
             random_state=examples.seed,
         )
         self.model.fit(x, examples.y, X_val=unseen, y_val=examples.validation[1])
+        # scikit-learn's scores are losses with the other sign.
+        losses = {"train/loss": self.model.train_score_, "val/loss": self.model.validation_score_}
+        self.curves = {tag: (-values).tolist() for tag, values in losses.items()}
         return self
 
     def decision(self, x: Inputs) -> Array:
