@@ -61,3 +61,9 @@ def test_the_wheel_carries_the_configurations_and_works_elsewhere(tmp_path):
     )
     assert "_target_: echolearn.dataset.plans.GridPlan" in run.stdout
     assert run.stderr == ""
+
+
+def test_where_it_cannot_work_it_says_so_in_one_line():
+    code = "import sys; sys.platform = 'win32'; import echolearn"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.stderr.splitlines()[-1].startswith("ImportError: echolearn needs Linux or macOS;")

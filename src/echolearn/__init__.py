@@ -19,7 +19,13 @@ Conventions, valid everywhere:
 - The label `reflector` is True for a wall (the paper's class 0), False for a spurious estimate
   (class 1).
 
-This module imports nothing, so `import echolearn` costs nothing.
+This module imports nothing that takes time, so `import echolearn` costs nothing.
 """
+
+import sys
+
+if sys.platform == "win32":
+    # Locks, signals and limits of memory are those of POSIX.
+    raise ImportError("echolearn needs Linux or macOS; on Windows, install it in WSL")
 
 __version__ = "0.2.0"

@@ -182,7 +182,7 @@ def _deadline(seconds: float) -> Iterator[onnxruntime.RunOptions]:
         Options for `run`; their `terminate` tells whether it was stopped.
     """
     options = onnxruntime.RunOptions()
-    clock = time.pthread_getcpuclockid(threading.get_ident())
+    clock = _clock()
     call = (clock, time.clock_gettime(clock) + seconds, options)
     _calls.append(call)
     _watcher(os.getpid()).set()
@@ -190,6 +190,13 @@ def _deadline(seconds: float) -> Iterator[onnxruntime.RunOptions]:
         yield options
     finally:
         _calls.remove(call)
+
+
+def _clock() -> int:
+    """Return the clock of this thread's computing time; where there is none, the process's."""
+    if hasattr(time, "pthread_getcpuclockid"):
+        return time.pthread_getcpuclockid(threading.get_ident())
+    return time.CLOCK_PROCESS_CPUTIME_ID  # macOS
 
 
 @cache
