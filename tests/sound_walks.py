@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from echolearn.acoustics.types import Room
+from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.rotor import Rotor
 from echolearn.simulation.walk import trajectory
@@ -23,19 +23,34 @@ from recorded_walks import ARRAY, PROBE, SCENE, write
 LEVELS = (40, 20, 10, 0, -5, -10, -20)
 
 
-def examined(seed: int, *, snr_db: float, rotors: bool, direct: bool) -> Health:
-    """Draw a room and a walk, record it and examine the survey."""
+def drawn(
+    seed: int, *, snr_db: float, rotors: bool, direct: bool, poses: tuple[int, int] = (8, 25)
+) -> tuple[Array, list[Pose]]:
+    """Draw a room and a walk, and return its recordings (P, M, N) and poses.
+
+    Args:
+        seed: of the draw.
+        snr_db: level of the sound over that of the noise.
+        rotors: whether the noise is that of rotors, else white.
+        direct: whether the direct path is in the recordings.
+        poses: fewest, and more than most.
+    """
     rng = np.random.default_rng(seed)
     room = Room(tuple(rng.uniform([5.0, 5.0, 2.4], [12.0, 10.0, 6.0])), rng.uniform(0.25, 0.5))
-    poses = trajectory(room, poses=int(rng.integers(8, 25)), start=rng.uniform(0.0, 6.0))
-    poses = [replace(pose, heading=rng.uniform(-np.pi, np.pi)) for pose in poses]
-    received = np.stack([SCENE.received(room, pose) for pose in poses])
+    way = trajectory(room, poses=int(rng.integers(*poses)), start=rng.uniform(0.0, 6.0))
+    way = [replace(pose, heading=rng.uniform(-np.pi, np.pi)) for pose in way]
+    received = np.stack([SCENE.received(room, pose) for pose in way])
     noise = rng.standard_normal(received.shape)
     if rotors:
         draw = {"length": PROBE.length, "sample_rate": PROBE.sample_rate, "rng": rng}
-        noise = np.stack([Diffuse(Rotor())(ARRAY, **draw) for _ in poses])
+        noise = np.stack([Diffuse(Rotor())(ARRAY, **draw) for _ in way])
     level = received.std() * 10 ** (-snr_db / 20) / noise.std()
-    sound = received - (0.0 if direct else SCENE.direct) + level * noise
+    return received - (0.0 if direct else SCENE.direct) + level * noise, way
+
+
+def examined(seed: int, *, snr_db: float, rotors: bool, direct: bool) -> Health:
+    """Draw a walk, write it and examine the survey."""
+    sound, poses = drawn(seed, snr_db=snr_db, rotors=rotors, direct=direct)
     with tempfile.TemporaryDirectory() as folder:
         return examine(write(Path(folder), sound, direct=direct, poses=poses))
 

@@ -3,11 +3,12 @@ models that were made for another robot are rows that say so."""
 
 import csv
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import wavfile
 
 from by_hand import edit
 from echolearn.acoustics.geometry import circular_array
@@ -94,6 +95,33 @@ def test_levels_of_one_room_are_judged_together_and_each_alone(walks, rows):
         assert (row["n"], row["room"], row["localizer"], row["noise"]) == (
             count, "hall", "gated", "white"
         )  # fmt: skip
+
+
+def test_recorded_walks_are_examined_as_for_a_map(world, walks, tmp_path, capfd):
+    """An offset is subtracted and told; a dead microphone is refused with the line of `map`."""
+
+    def rows_of(change):
+        folder = tmp_path / "loud"
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(walks["loud"], folder)
+        for path in (folder / name for name in read_survey(folder).files):
+            rate, samples = wavfile.read(path)
+            wavfile.write(path, rate, change(samples).astype(np.float32))
+        inputs = load_inputs(
+            world.runs, tested=[], surveys=[str(folder)], localizers={"gated": gated}
+        )
+        # Those who map nothing else need no model.
+        found = evaluate(replace(inputs, models={}), resamples=20, workers=1).rows
+        return pick(found, metric="precision", classifier="keep_everything")
+
+    gated = world.arguments["localizers"]["gated"]
+    clean = rows_of(lambda x: x)
+    assert capfd.readouterr().err.count("mended") == 0
+    shifted = rows_of(lambda x: x + np.where(np.arange(6) == 2, 9 * x.std(), 0.0))
+    assert len(clean) and shifted == clean
+    assert "loud: mended: offset up to" in capfd.readouterr().err
+    with pytest.raises(BadValue, match=r"loud: dead channels=microphone 3 .* without=\[3\] maps"):
+        rows_of(lambda x: x * (np.arange(6) != 2))
 
 
 def test_labels_and_metrics_are_those_of_a_slow_look(walks, rows, world):

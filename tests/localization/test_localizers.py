@@ -17,6 +17,7 @@ from echolearn.checks import BadValue
 from echolearn.localization.localize import localize
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.silence import SilentMicrophone
+from echolearn.robot.choices import OF_THE_FIRST
 from reference import FIRST, LAST, RATE, RING, observed, turn, wave, white
 from refusals import refused
 
@@ -252,7 +253,7 @@ def needs_first(localizer, batch):
     with a batch in which that one is silent."""
     kind = type(localizer).__name__
     if kind in ("Em", "Gated", "Joint", "Mclam", "Peaks", "Snls"):
-        return kind in ("Gated", "Peaks", "Snls")
+        return kind.lower() in OF_THE_FIRST
     try:
         localizer(batch)
     except BadValue:

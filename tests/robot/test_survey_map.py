@@ -392,6 +392,12 @@ def at_rate(walk, rate):
     edit(walk, sample_rate=float(rate))
 
 
+def burst(walk, change):
+    """Change the samples of the probe, (N,)."""
+    rate, samples = wavfile.read(walk / "probe.wav")
+    wavfile.write(walk / "probe.wav", rate, np.ascontiguousarray(change(samples)))
+
+
 def far(walk):
     """Take the first pose 9 km away, for which 60 000 million cells were needed."""
     survey = reader.read_survey(walk)
@@ -414,6 +420,23 @@ def far(walk):
         (partial(at_rate, rate=44100), {}, "expects sample_rate=22050 Hz, survey has 44100 Hz; re"),
         (partial(at_rate, rate=16000), {}, "16000 Hz: must be at least 22050 Hz; the rate is too"),
         (partial(at_rate, rate=16000), {"resample": True}, "16000 Hz: must be at least 22050 Hz"),
+        (
+            partial(burst, change=lambda x: np.roll(x, 99)),
+            {},
+            "it begins 99 samples late: cut these",
+        ),
+        (partial(burst, change=lambda x: np.roll(x, -30)), {}, "its first 30 samples are m"),
+        (partial(burst, change=np.negative), {}, "its sign is turned: take the bundle's probe.wav"),
+        (
+            partial(burst, change=lambda x: x[::-1]),
+            {},
+            "play the bundle's probe.wav, or train with",
+        ),
+        (
+            None,
+            {"without": (1,)},
+            "must not hold 1, from which the bundle's localizer, gated, takes",
+        ),
         (far, {}, "^resolution=0.05 m: must leave at most 16000000 cells; choose a larger one"),
     ],
 )

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from by_hand import edit
 from echolearn.checks import BadValue
 from echolearn.simulation.walk import trajectory
 from echolearn.survey import audio
 from echolearn.survey.health import examine, mended
 from echolearn.survey.mending import taken_off
 from echolearn.survey.reader import read_survey
-from recorded_walks import PROBE, ROOM, SCENE, TIME, walk, write
+from recorded_walks import ARRAY, PROBE, ROOM, SCENE, TIME, walk, write
 from sound_walks import examined
 
 
@@ -207,6 +208,11 @@ REFUSED = {
         lambda x: np.where(np.arange(8)[:, None, None] == 4, clipped(x[4]), x),
         "clipped=.* at all 6 microphones in recording 4: must be at most 1 %",
     ),
+    "too soft": (
+        False,
+        lambda x: np.round(x / x.std() * 0.6) * 2.0**-15,
+        "too soft=[2-6] steps of the converter .* at .* in .*: must be 16 or more; record with mor",
+    ),
     "doubled": (
         True,
         lambda x: x[:, [0, 1, 1, 3, 4, 5]],
@@ -311,6 +317,31 @@ def test_echoes_that_are_mostly_negative_are_told(tmp_path):
     [line] = health.noticed
     assert line.startswith("the strongest echo is negative in 100 % of 8 recordings; localizer.sig")
     assert health.negative_echoes == 1.0 and not health.refused and not health.mended
+
+
+@pytest.mark.parametrize("moved", [[0.05, 0.02, 0.0], [-0.03, 0.0, 0.0]])
+def test_a_loudspeaker_that_is_elsewhere_is_not_called_a_microphone(moved, tmp_path):
+    """Where one loudspeaker explains all microphones; one microphone alone no loudspeaker does."""
+    survey = write(tmp_path / "walk", walk(direct=True), direct=True)
+    edit(survey.folder, loudspeaker=moved)
+    [line] = examine(read_survey(survey.folder)).refused
+    found = re.search(
+        r"fit with loudspeaker moved by \[(.*)\] m; is it where survey.yaml has", line
+    )
+    assert [float(each) for each in found[1].split(", ")] == pytest.approx(
+        -np.array(moved), abs=0.005
+    )
+    positions = ARRAY.positions.copy()
+    positions[2, 0] += 0.05
+    edit(survey.folder, loudspeaker=[0.0, 0.0, 0.0], microphones=positions.tolist())
+    [line] = examine(read_survey(survey.folder)).refused
+    assert line.startswith("direct path at microphone 3=") and "or a position wrong?" in line
+
+
+def test_how_to_map_without_microphone_1_is_said(tmp_path):
+    survey = write(tmp_path / "walk", at(1, lambda x: 0 * x)(walk(direct=True)), direct=True)
+    [line] = examine(survey).refused
+    assert line.endswith("maps with the others, by a bundle whose localizer is joint or em")
 
 
 def test_a_soft_microphone_is_told_and_mended_by_gains_only(tmp_path):

@@ -19,6 +19,7 @@ from echolearn.comparison.choice import Comparison, chosen_run
 from echolearn.comparison.evaluate import Inputs, evaluate
 from echolearn.comparison.finding import find_set, find_survey, survey_digest
 from echolearn.comparison.fitting import robot_in
+from echolearn.comparison.recorded import is_examined
 from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.evaluation.rows import to_csv
 from echolearn.localization.localizer import Localizer
@@ -172,7 +173,9 @@ def _tells_plan(manifest: Mapping[str, Any]) -> bool:
 def identity(inputs: Inputs) -> dict[str, Any]:
     """Return what tells inputs from all others, as plain containers; every survey is proved."""
     runs = [run for each in inputs.models.values() for run in each]
-    return {
+    # Recorded walks are examined first; comparisons of before took them as they are.
+    examined = any(map(is_examined, inputs.surveys.values()))
+    return ({"examined": True} if examined else {}) | {
         "runs": {run.identity: run.metrics["model"]["sha256"] for run in runs},
         "sets": {key: dataset.digest for key, dataset in inputs.sets.items()},
         "surveys": {key: survey_digest(place) for key, place in inputs.surveys.items()},

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, product
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from echolearn.checks import check
@@ -18,6 +19,7 @@ from echolearn.comparison.fitting import (
 )
 from echolearn.comparison.localized import localize_survey
 from echolearn.comparison.measured import Unheard, grouped, is_mapped, measured_rows
+from echolearn.comparison.recorded import examined, is_examined, lines_of
 from echolearn.comparison.tables import SHOWN_DB
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import pairs, scoring
@@ -38,6 +40,7 @@ from echolearn.evaluation.rows import (
 from echolearn.localization.localizer import Localizer
 from echolearn.runtime.processes import processes
 from echolearn.runtime.progress import track
+from echolearn.survey.health import Health
 from echolearn.survey.reader import read_survey
 from echolearn.training.predictions import (
     label_rows,
@@ -96,10 +99,15 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
     jobs = []
     mapped = [folder for folder in inputs.surveys.values() if is_mapped(folder)]
     with processes(workers) as pool:
+        # Whatever is refused is so before any work, once for all localizers.
+        walked = [folder for folder in inputs.surveys.values() if is_examined(folder)]
+        healths = dict(zip(walked, pool.map(examined, walked), strict=True))
+        for line in lines_of(healths.items()):
+            print(line, file=sys.stderr, flush=True)
         shared: Any = {"robots": inputs.robots, "resamples": resamples}
         for dataset in inputs.sets.values():
             jobs.append(pool.submit(evaluate_set, models, dataset.folder, **shared))
-        about = shared | {"localizers": inputs.localizers}
+        about = shared | {"localizers": inputs.localizers, "healths": healths}
         for folder, name in product(mapped, inputs.localizers):
             jobs.append(pool.submit(evaluate_survey, models, folder, name=name, **about))
         for (group, folders), name in product(grouped(inputs.surveys).items(), inputs.localizers):
@@ -181,6 +189,7 @@ def evaluate_survey(
     name: str,
     robots: Mapping[str, Robot],
     resamples: int,
+    healths: Mapping[Path, Health] = MappingProxyType({}),
 ) -> Evaluation:
     """Evaluate models by the maps they leave of a survey.
 
@@ -193,11 +202,11 @@ def evaluate_survey(
         name: name of the one that estimates the echoes.
         robots: robots of training sets, by the sets' digests.
         resamples: bootstrap draws.
+        healths: what recordings say about themselves, of surveys that were examined.
     """
     models, unfit = split_fitting(models, robots, robot_at(folder))
-    survey = localize_survey(
-        folder, localizers[name], name=name, further=looked_at(models), resamples=resamples
-    )
+    about: Any = {"further": looked_at(models), "health": healths.get(folder)}
+    survey = localize_survey(folder, localizers[name], name=name, resamples=resamples, **about)
     references = scoring.trivial_predictions(survey.labelled.reference)
     predictions = predicted(models, lambda run: predict_echoes(run, survey))
     everyone = {Model(who): [given] for who, given in references.items()} | predictions
@@ -207,7 +216,7 @@ def evaluate_survey(
     rows += unfit_rows(unfit, survey.labelled.source)
     if name != next(iter(localizers)) or survey.snr_db not in SHOWN_DB:
         return Evaluation(rows, [], survey)
-    about: Any = {"metric": "balanced_accuracy", "snr_db": survey.snr_db}
+    about = {"metric": "balanced_accuracy", "snr_db": survey.snr_db}
     return Evaluation(rows, list(against_baseline(predictions, survey.labelled, **about)), survey)
 
 
@@ -220,6 +229,7 @@ def evaluate_measured(
     name: str,
     robots: Mapping[str, Robot],
     resamples: int,
+    healths: Mapping[Path, Health] = MappingProxyType({}),
 ) -> Evaluation:
     """Evaluate models by what they say of every echo of recorded surveys.
 
@@ -231,11 +241,12 @@ def evaluate_measured(
         name: name of the one that estimates the echoes.
         robots: robots of training sets, by the sets' digests.
         resamples: bootstrap draws.
+        healths: what recordings say about themselves, of surveys that were examined.
     """
     models, unfit = split_fitting(models, robots, robot_at(folders[0]))
+    about: Any = {"further": looked_at(models), "healths": healths, "resamples": resamples}
     try:
-        given: Any = {"name": name, "further": looked_at(models), "resamples": resamples}
-        measured = measured_rows(group, folders, localizers[name], **given)
+        measured = measured_rows(group, folders, localizers[name], name=name, **about)
     except Unheard as error:
         print(f"{group}, {name}: {error}", file=sys.stderr, flush=True)
         source = Recordings(group, kind="measured", localizer=name)

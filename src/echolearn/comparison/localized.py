@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Collection
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.checks import BadValue
+from echolearn.comparison import recorded
 from echolearn.comparison.conditions import joint_snr_db, room_of
 from echolearn.evaluation import stats
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
@@ -19,7 +19,7 @@ from echolearn.localization.columns import COLUMNS, TENSORS
 from echolearn.localization.localize import localize
 from echolearn.localization.localizer import Localizer, returned
 from echolearn.mapping.echo_map import echo_map
-from echolearn.survey import reader
+from echolearn.survey.health import Health
 from echolearn.survey.survey import Survey, blocks
 
 
@@ -30,6 +30,7 @@ def localize_survey(
     name: str,
     resamples: int,
     further: Collection[str] = (),
+    health: Health | None = None,
 ) -> LocalizedSurvey:
     """Localize and describe every recording of a survey, and label its map points.
 
@@ -39,11 +40,12 @@ def localize_survey(
         name: name of the localizer.
         resamples: bootstrap draws over the poses.
         further: names of columns and tensors that are wanted besides those of every set.
+        health: what its recordings say about themselves (`recorded`); None takes them as they are.
 
     Raises:
         BadValue: the survey has no outline to be evaluated against.
     """
-    survey = replace(reader.read_survey(folder), window=localizer.window)
+    survey = recorded.opened(folder, health, window=localizer.window)
     if survey.walls is None:
         raise BadValue(
             f"{folder}/survey.yaml: it has no walls; without the room's outline no map is evaluated"

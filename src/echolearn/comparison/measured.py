@@ -10,8 +10,8 @@ loudspeaker (column `place` of `poses.csv`), or else of one pose, are resampled 
 
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from echolearn.acoustics.types import Array, Echoes
 from echolearn.checks import BadValue, check
 from echolearn.comparison.conditions import joint_snr_db, room_of
 from echolearn.comparison.localized import localized
+from echolearn.comparison.recorded import is_measured, opened
 from echolearn.evaluation import stats
 from echolearn.evaluation.labelling import Labels, joined, label_echoes
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
@@ -28,19 +29,12 @@ from echolearn.evaluation.rows import LabelledRows, MeasuredRows, Recordings
 from echolearn.localization.localizer import Localizer
 from echolearn.mapping.echo_map import echo_map
 from echolearn.survey import reader
+from echolearn.survey.health import Health
 from echolearn.survey.survey import Survey
-
-SIMULATED = "simulated.json"
-"""File by which a simulated walk is known; its map is evaluated, and nothing else."""
 
 
 class Unheard(BadValue):
     """A localizer that cannot work on what was recorded."""
-
-
-def is_measured(folder: Path) -> bool:
-    """Tell whether the echoes of a survey are to be judged one by one: it was recorded."""
-    return not (Path(folder) / SIMULATED).is_file()
 
 
 def is_mapped(folder: Path) -> bool:
@@ -84,6 +78,7 @@ def measured_rows(
     name: str,
     resamples: int,
     further: Collection[str] = (),
+    healths: Mapping[Path, Health] = MappingProxyType({}),
 ) -> MeasuredRows:
     """Localize and describe every recording of some surveys, and label its echoes.
 
@@ -94,6 +89,7 @@ def measured_rows(
         name: name of the localizer.
         resamples: bootstrap draws over the places.
         further: names of columns and tensors that are wanted besides those of every set.
+        healths: what their recordings say about themselves (`recorded`); others stay as they are.
 
     Raises:
         BadValue: a survey without `truth.csv` and outline, or one that the localizer cannot work
@@ -101,7 +97,7 @@ def measured_rows(
     """
     heard = []
     for folder in folders:
-        survey = replace(reader.read_survey(folder), window=localizer.window)
+        survey = opened(folder, healths.get(folder), window=localizer.window)
         heard.append(localized_echoes(survey, localizer, further=further))
     strict = joined([each.labels.strict for each in heard])
     by_time = joined([each.labels.by_time for each in heard])

@@ -98,6 +98,7 @@ def _figures(survey: Survey, health: Health) -> list[tuple[str, str, str]]:
     array = survey.array
     bent = plane_wave_error(array, distance=1.0) * rate / survey.speed_of_sound
     return [
+        ("walk", _way(survey), f"{len(survey.poses)} recordings"),
         ("array", f"{len(array)} microphones", limits(array)),
         ("curved waves", f"{bent:.1f} samples", "off plane ones, of a wall 1 m away"),
         ("latency", readable(late, "{:z.1f} samples"), readable(late / rate * 1e3, "{:z.2f} ms")),
@@ -118,6 +119,12 @@ def _figures(survey: Survey, health: Health) -> list[tuple[str, str, str]]:
         ("clipped", readable(clipped, "{:.1f} %"), "of a burst at the rails, at worst"),
         ("negative echoes", readable(100 * health.negative_echoes, "{:.0f} %"), "of the strongest"),
     ]
+
+
+def _way(survey: Survey) -> str:
+    """Return how far the robot drove, pose by pose in the order of their numbers."""
+    places = np.array([survey.poses[pose].position for pose in np.argsort(survey.numbers)])
+    return f"{np.linalg.norm(np.diff(places, axis=0), axis=1).sum():.1f} m"
 
 
 def _lowest(health: Health) -> str:

@@ -96,7 +96,9 @@ def _channels(facts: Facts) -> str:
     for state, (name, verdict, *cells) in facts.channels:
         sign = f'<span class="sign" aria-hidden="true">{SIGNS[state]}</span>'
         row = f'<th scope="row">{name}</th><td class="{state}">{sign}{escape(verdict)}</td>'
-        row += "".join(f"<td>{escape(cell)}</td>" for cell in cells)
+        named = zip(HEADINGS[2:], cells, strict=True)
+        # On a phone a row is a block whose cells carry the names of their columns themselves.
+        row += "".join(f'<td data-name="{name}">{escape(cell)}</td>' for name, cell in named)
         rows.append(f"<tr>{row}</tr>")
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 

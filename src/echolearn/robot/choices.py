@@ -22,6 +22,9 @@ from echolearn.survey.survey import CALIBRATION, Survey
 if TYPE_CHECKING:
     from echolearn.robot.bundle import Bundle
 
+OF_THE_FIRST = ("gated", "peaks", "snls")
+"""Localizers that take times from microphone 1 alone."""
+
 
 def with_gains(
     walk: Survey,
@@ -58,10 +61,25 @@ def with_gains(
         hint = "its tensors were learned from all microphones"
         fits = bundle is None or not bundle.is_tensor
         check(fits, "without", list(without), allowed="must be null", hint=hint)
+        _check_first(without, bundle)
         factors[np.array(without, dtype=int) - 1] = 0.0
         left = int(np.count_nonzero(factors))
         check(left >= 2, "without", list(without), allowed="must leave two microphones")
     return replace(walk, gains=factors)
+
+
+def _check_first(without: Sequence[int], bundle: "Bundle | None") -> None:
+    """Raise `BadValue` if microphone 1 is left out where a bundle's localizer needs it."""
+    name = bundle.about["localizer"]["name"] if bundle else ""
+    allowed = f"must not hold 1, from which the bundle's localizer, {name}, takes all times"
+    hint = "a bundle trained with localizer=joint or em needs no particular microphone"
+    check(
+        1 not in without or name not in OF_THE_FIRST,
+        "without",
+        list(without),
+        allowed=allowed,
+        hint=hint,
+    )
 
 
 def open_survey(

@@ -4,6 +4,7 @@ The array may be turned about its axis (`acoustics.turned_array`).
 """
 
 import numpy as np
+from scipy import fft
 
 from echolearn.acoustics.turned_array import DISPLACED, turn_between
 from echolearn.acoustics.types import Array, MicArray, Probe
@@ -47,9 +48,28 @@ def mount_angle(bundle: Bundle, *, array: MicArray, probe: Probe) -> float:
     # A gain does not matter, so it is the normalised correlation that tells.
     likeness = _correlation(probe.samples, bundle.probe.samples)
     shown = f"correlates {likeness:.3f} with the bundle's"
-    hint = "play the bundle's probe.wav, or train with yours"
+    hint = _shifted(probe.samples, bundle.probe.samples)
     check(likeness > LIKENESS, "probe", shown, allowed="must be the same burst", hint=hint)
     return angle
+
+
+def _shifted(found: Array, wanted: Array) -> str:
+    """Return what to do about another burst, which may be the same, moved or turned."""
+    size = fft.next_fast_len(len(found) + len(wanted), real=True)
+    product = fft.rfft(found, size) * fft.rfft(wanted, size).conj()
+    norm = max(float(np.linalg.norm(found) * np.linalg.norm(wanted)), 1e-300)
+    alike = fft.irfft(product, size) / norm
+    lag = int(np.abs(alike).argmax())
+    if abs(alike[lag]) <= LIKENESS:
+        return "play the bundle's probe.wav, or train with yours"
+    late = lag - size if lag > size // 2 else lag
+    if late > 0:
+        return f"it begins {late} samples late: cut these off probe.wav and off every recording"
+    if late < 0:
+        return (
+            f"its first {-late} samples are missing: put them back, and silence before recordings"
+        )
+    return "its sign is turned: take the bundle's probe.wav"
 
 
 def _correlation(first: Array, second: Array) -> float:

@@ -116,8 +116,7 @@ def _dead(walk: Walk, found: Verdicts) -> Array:
         found.refuse(dead.any(axis=0), "dead at times", line)
         return dead
     which = dead.any(axis=0)
-    numbers = (np.flatnonzero(which) + 1).tolist()
-    line = f"dead channels={where}: must hear the probe; without={numbers} maps with the others"
+    line = f"dead channels={where}: must hear the probe; {naming.left_out(which)}"
     found.refuse(which, "dead", line)
     return dead
 
@@ -125,10 +124,19 @@ def _dead(walk: Walk, found: Verdicts) -> Array:
 def _clipped(walk: Walk, found: Verdicts, *, dead: Array) -> None:
     share = np.where(walk.used & ~dead, walk.levels.clipping, 0.0)
     clipped = share > level_rules.CLIPPED
+    soft = clipped & (walk.levels.steps < level_rules.STEPS)
+    if soft.any():
+        line = (
+            f"too soft={walk.levels.steps[soft].min():.0f} steps of the converter between the "
+            f"smallest and the largest sample at {_where(walk, soft)}: must be "
+            f"{level_rules.STEPS} or more; record with more gain"
+        )
+        found.refuse(soft.any(axis=0), "too soft", line)
+    clipped &= ~soft
     if clipped.any():
         line = (
-            f"clipped={100 * share.max():.0f} % of a burst at {_where(walk, clipped)}: must be at "
-            f"most {100 * level_rules.CLIPPED:g} %; record with less gain"
+            f"clipped={100 * share[clipped].max():.0f} % of a burst at {_where(walk, clipped)}: "
+            f"must be at most {100 * level_rules.CLIPPED:g} %; record with less gain"
         )
         found.refuse(clipped.any(axis=0), "clipped", line)
 
@@ -230,8 +238,7 @@ def _loopback(walk: Walk, found: Verdicts) -> None:
     if loop.any() and not loop[found.alive].all():
         line = (
             f"loopback={naming.microphones(loop)} holds the burst as it was emitted, correlation "
-            f"{score[loop].max():.3f}: must be a microphone; without="
-            f"{(np.flatnonzero(loop) + 1).tolist()} maps with the others"
+            f"{score[loop].max():.3f}: must be a microphone; {naming.left_out(loop)}"
         )
         found.refuse(loop, "loopback", line)
         found.alive = found.alive & ~loop

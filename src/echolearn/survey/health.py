@@ -180,6 +180,7 @@ def _agreed(survey: Survey, direct: Direct, *, numbers: Sequence[object], used: 
         used=used,
         sample_rate=survey.probe.sample_rate,
         speed=survey.speed_of_sound,
+        positions=survey.array.positions if survey.loudspeakers is None else None,
     )
 
 

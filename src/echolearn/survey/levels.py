@@ -45,6 +45,11 @@ HUM = 0.05
 CLIPPED = 0.01
 """Share of the samples of a burst at the rails from which a channel counts as clipped."""
 
+STEPS = 16
+FAR_FROM_RAILS = 0.5
+"""Steps of a converter between the smallest and the largest sample, and share of full scale, below
+which many samples are the largest because the sound is soft."""
+
 OVERFLOWED = 2
 """Samples of a walk that came out at the other end of the range."""
 
@@ -61,6 +66,7 @@ class Levels(NamedTuple):
         hum: power of the mains over that of the rest, of each channel, shape (M,).
         tones: frequencies of the mains that stand out, in cycles per sample.
         clipping: share of the loudest burst's length at the rails, shape (M,).
+        steps: of the converter, between the smallest and the largest sample, shape (M,).
         zeros: longest run of exact zeros between loud samples, shape (M,).
         repeated: longest stretch that is exactly as one before it, of all channels.
     """
@@ -70,6 +76,7 @@ class Levels(NamedTuple):
     hum: Array
     tones: tuple[float, ...]
     clipping: Array
+    steps: Array
     zeros: Array
     repeated: int
 
@@ -81,12 +88,14 @@ def measure_levels(samples: Array, probe: Probe) -> tuple[Levels, Array]:
     tones = mains(samples - offset[:, None], probe.sample_rate)
     rest = steadied(samples, everywhere, tones)
     hum = np.var(samples, axis=-1) / np.maximum(np.var(rest, axis=-1), 1e-30) - 1.0
+    share = clipping(samples, len(probe.samples))
     found = Levels(
         offset,
         stands_out(offset, rest),
         np.maximum(hum, 0.0) if tones else np.zeros(len(samples)),
         tones,
-        clipping(samples, len(probe.samples)),
+        share,
+        steps(samples, share > CLIPPED),
         np.array([zeros(channel) for channel in samples]),
         repeated(samples),
     )
@@ -205,6 +214,21 @@ def clipping(samples: Array, burst: int) -> Array:
     most = np.maximum(most - 2, 0)
     # A channel that never changes is dead, not clipped.
     return np.where(high[:, 0] > low[:, 0], most / burst, 0.0)
+
+
+def steps(samples: Array, which: Array) -> Array:
+    """Return the steps between the smallest and the largest sample of some channels, shape (M,).
+
+    Args:
+        samples: a recording, shape (M, N).
+        which: channels that are looked at, shape (M,), bool; the others have infinitely many.
+    """
+    found = np.full(len(samples), np.inf)
+    # What is loud is at the rails of the converter itself.
+    for m in np.flatnonzero(which & (np.abs(samples).max(axis=-1) < FAR_FROM_RAILS)):
+        apart = np.diff(np.unique(samples[m]))
+        found[m] = np.round(apart.sum() / apart.min())
+    return found
 
 
 def zeros(channel: Array) -> int:

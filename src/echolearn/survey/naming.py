@@ -29,3 +29,11 @@ def recordings(numbers: Sequence[object], which: ArrayLike) -> str:
         return f"all {len(found)} recordings"
     more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
     return f"recording{'s' if len(found) > 1 else ''} {', '.join(found[:SHOWN])}{more}"
+
+
+def left_out(which: ArrayLike) -> str:
+    """Return how to map without some microphones, shape (M,), bool."""
+    numbers = (np.flatnonzero(which) + 1).tolist()
+    # Some localizers take times from the first one.
+    by = ", by a bundle whose localizer is joint or em" if 1 in numbers else ""
+    return f"without={numbers} maps with the others{by}"

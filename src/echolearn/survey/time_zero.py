@@ -10,7 +10,7 @@ direct path and leaves no mark cannot be seen.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,9 @@ all frequencies: sqrt(3) / pi."""
 
 JOINT = 9.0
 """The same as `SEEN` for the root of the summed squares of all microphones, which is larger."""
+
+FARTHEST = 1.0
+"""m by which a loudspeaker may have been measured wrongly."""
 
 LOUD = 12.0
 """Height over the noise at which a direct path as loud as in other recordings would be seen."""
@@ -115,7 +118,13 @@ class TimeZero:
 
 
 def time_zero_of(
-    direct: Direct, *, numbers: Sequence[object], used: Array, sample_rate: float, speed: float
+    direct: Direct,
+    *,
+    numbers: Sequence[object],
+    used: Array,
+    sample_rate: float,
+    speed: float,
+    positions: Array | None = None,
 ) -> TimeZero:
     """Return what direct paths, fields (P, M), say together.
 
@@ -125,6 +134,7 @@ def time_zero_of(
         used: microphones that are used, shape (M,), bool.
         sample_rate: in Hz.
         speed: of sound, in m/s.
+        positions: of the microphones around a loudspeaker that is carried, shape (M, 3), in m.
     """
     latency = np.where(used, direct.latency, np.nan)
     with np.errstate(invalid="ignore"):
@@ -152,14 +162,16 @@ def time_zero_of(
         clear = np.abs(direct.height) > LOUD * direct.noise
     wrong &= wrong.sum(axis=0) > np.where(clear, 0.02, 0.2) * seen.sum()
     if wrong.any():
-        lines.append(_disagree(off, wrong, numbers=numbers, unit=unit, allowed=allowed))
+        elsewhere = moved_loudspeaker(off, positions, unit=unit, allowed=allowed)
+        about: Any = {"numbers": numbers, "unit": unit, "allowed": allowed}
+        lines.append(_disagree(off, wrong, elsewhere=elsewhere, **about))
     if lines:
         return TimeZero(f"direct paths do not agree; {lines[0]}", nothing, tuple(lines))
     return _common(middle, doubt, numbers=numbers, unit=unit)
 
 
 class _Unit(NamedTuple):
-    """Says lags in samples, ms and mm."""
+    """Says lags in samples and ms."""
 
     sample_rate: float
     speed: float
@@ -191,8 +203,48 @@ def _missing(direct: Direct, used: Array) -> Array:
     return visible.any(axis=-1) & ((visible & soft).sum(axis=-1) > visible.sum(axis=-1) / 2)
 
 
+def moved_loudspeaker(off: Array, positions: Array | None, *, unit: _Unit, allowed: float) -> str:
+    """Return by how much a loudspeaker seems moved, if that explains all direct paths; else "".
+
+    Gauss and Newton's steps to the least squares of |p_m - d| - |p_m| + b = off_m c / fs.
+
+    Args:
+        off: latency less that of the median microphone, shape (P, M); NaN where it is not seen.
+        positions: of the microphones around the loudspeaker, shape (M, 3), in m; None if it is not
+            carried.
+        unit: says lags.
+        allowed: samples by which a direct path may be off.
+    """
+    seen = np.isfinite(off).any(axis=0)
+    # As many again as there are unknowns beyond those of a plane would fit anything.
+    if positions is None or seen.sum() < 5:
+        return ""
+    metre = unit.speed / unit.sample_rate
+    ways = metre * np.nanmedian(off[:, seen], axis=0)
+    around = positions[seen]
+    moved = np.zeros(4)
+    for _ in range(8):
+        apart = around - moved[:3]
+        away = np.linalg.norm(apart, axis=1)
+        rest = ways - (away - np.linalg.norm(around, axis=1) + moved[3])
+        slope = np.column_stack([-apart / np.maximum(away, 1e-3)[:, None], np.ones(len(away))])
+        moved += np.linalg.lstsq(slope, rest, rcond=1e-3)[0]
+    distance = float(np.linalg.norm(moved[:3]))
+    explained = bool(np.abs(rest).max() <= allowed * metre)
+    if not explained or len(ways) <= np.linalg.matrix_rank(slope, tol=1e-3) or distance > FARTHEST:
+        return ""
+    shown = ", ".join(f"{each:z.3f}" for each in moved[:3])
+    return f"all would fit with loudspeaker moved by [{shown}] m; is it where survey.yaml has it?"
+
+
 def _disagree(
-    off: Array, wrong: Array, *, numbers: Sequence[object], unit: _Unit, allowed: float
+    off: Array,
+    wrong: Array,
+    *,
+    numbers: Sequence[object],
+    unit: _Unit,
+    allowed: float,
+    elsewhere: str,
 ) -> str:
     """Return the line on direct paths that do not agree with the others.
 
@@ -202,9 +254,10 @@ def _disagree(
         numbers: `index` of each recording, or what else names it.
         unit: says lags.
         allowed: samples by which they may be off.
+        elsewhere: what is said of a loudspeaker that would explain it; "" if none would.
     """
     which: Array = np.asarray(wrong.any(axis=0))
-    if which.mean() > 0.5 and len(which) > 2:
+    if not elsewhere and which.mean() > 0.5 and len(which) > 2:
         return (
             f"direct path at {naming.microphones(which)}=none where geometry puts it in "
             f"{naming.recordings(numbers, wrong.any(axis=-1))}: must be there where direct_path is "
@@ -215,7 +268,7 @@ def _disagree(
     return (
         f"direct path at {naming.microphones(which)}={unit(most)} off in {place}: must be within "
         f"{allowed:.1f} samples of where geometry puts it beside the others; "
-        "is a channel delayed, or a position wrong?"
+        f"{elsewhere or 'is a channel delayed, or a position wrong?'}"
     )
 
 

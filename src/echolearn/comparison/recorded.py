@@ -1,0 +1,62 @@
+"""Recorded surveys as a comparison takes them: examined as `map` examines them, and mended.
+
+What can be mended is mended and told, what cannot is refused with the line of `map`. Simulated
+walks are sound as they were made, and published recordings that were imported as they are
+(`protocol=none`) are judged as they are: nobody examines them.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from echolearn.acoustics.geometry import SearchWindow
+from echolearn.survey.health import Health, as_found, examine, mended
+from echolearn.survey.reader import read_survey
+from echolearn.survey.survey import Survey
+
+SIMULATED = "simulated.json"
+"""File by which a simulated walk is known; its map is evaluated, and nothing else."""
+
+
+def is_measured(folder: Path) -> bool:
+    """Tell whether the echoes of a survey are to be judged one by one: it was recorded."""
+    return not (Path(folder) / SIMULATED).is_file()
+
+
+def is_examined(folder: Path) -> bool:
+    """Tell whether a survey's recordings are examined before they are judged."""
+    return is_measured(folder) and read_survey(folder).conditions.get("protocol") != "none"
+
+
+def examined(folder: Path) -> Health:
+    """Return what the recordings of a survey say about themselves.
+
+    Raises:
+        BadValue: they cannot be read, or `map` would refuse them.
+    """
+    survey = read_survey(folder)
+    health = examine(survey)
+    mended(survey, health)
+    return health
+
+
+def opened(folder: Path, health: Health | None, *, window: SearchWindow) -> Survey:
+    """Return a survey whose recordings are mended when read.
+
+    Args:
+        folder: of the survey.
+        health: what its recordings say about themselves; None leaves them as they are.
+        window: where echoes are sought.
+    """
+    survey = replace(read_survey(folder), window=window)
+    return survey if health is None else as_found(survey, health)
+
+
+def lines_of(healths: Iterable[tuple[Path, Health]]) -> list[str]:
+    """Return what is to be said of recordings: what is mended, and what was noticed."""
+    return [
+        f"{folder.name}: {kind}: {line}"
+        for folder, health in healths
+        for kind, lines in (("mended", health.mended), ("noticed", health.noticed))
+        for line in lines
+    ]
