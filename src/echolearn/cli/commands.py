@@ -148,11 +148,12 @@ def _export(config: "Config") -> Path:
 
 def _map(config: "Config") -> Path:
     """Map a recorded survey with a bundle: points, walls, an occupancy grid, a drawing."""
+    from echolearn.robot.shipped import ALLOWED, find_bundle
     from echolearn.robot.survey_map import map_survey
 
     return map_survey(
         survey=_recorded(config),
-        bundle=_needed(config, "bundle", allowed="must be a folder that echolearn export wrote"),
+        bundle=find_bundle(_needed(config, "bundle", allowed=ALLOWED), Path(config["runs"])),
         runs=Path(config["runs"]),
         **_built(config, "name resolution resample direct played ros"),
         **_built(config, "without gains localizer command"),
@@ -162,11 +163,13 @@ def _map(config: "Config") -> Path:
 def _check(config: "Config") -> Path:
     """Examine a recorded survey before anything is trusted: a screen of text and a page."""
     from echolearn.robot.check import check_survey
+    from echolearn.robot.shipped import find_bundle
 
+    runs = Path(config["runs"])
     return check_survey(
         survey=_recorded(config),
-        bundle=_path(config["bundle"]),
-        runs=Path(config["runs"]),
+        bundle=find_bundle(config["bundle"], runs) if config["bundle"] else None,
+        runs=runs,
         **_built(config, "name resample direct played without gains command"),
     )
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from echolearn.comparison import figures
 from echolearn.comparison.choice import Comparison, chosen, drawn, headline
 from echolearn.comparison.pivot import pivot
+from echolearn.comparison.reliability_figure import reliability
 from echolearn.comparison.tables import away, levels, main_localizer, placed, unfiltered
 from echolearn.evaluation.rows import Row, pick
 from echolearn.training.predictions import label_rows, predict_echoes, predict_rows
@@ -15,7 +16,8 @@ Panels = dict[str, dict[str, list[Row]]]
 
 def draw_all(comparison: Comparison) -> dict[str, str]:
     """Return every figure as SVG, by name."""
-    return draw_sets(comparison) | (draw_surveys(comparison) if comparison.surveys else {})
+    sets = draw_sets(comparison) | reliability(comparison)
+    return sets | (draw_surveys(comparison) if comparison.surveys else {})
 
 
 def draw_sets(comparison: Comparison) -> dict[str, str]:

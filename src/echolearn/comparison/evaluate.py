@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, product
 from pathlib import Path
 from types import MappingProxyType
@@ -23,6 +23,7 @@ from echolearn.comparison.recorded import examined, is_examined, lines_of
 from echolearn.comparison.tables import SHOWN_DB
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import pairs, scoring
+from echolearn.evaluation.calibration_rows import PAPER, score_calibration
 from echolearn.evaluation.rows import (
     MISSING_COLUMNS,
     OTHER_LOCALIZER,
@@ -176,6 +177,9 @@ def evaluate_set(
     rows: list[Row] = []
     for model, given in (predictions | {Model("chance"): [references["chance"]]}).items():
         rows.extend(scoring.score_labels(model, given, labelled=labelled))
+        # Calibration is about the label that was learned.
+        target = dataset[model.target or PAPER].astype(bool)
+        rows.extend(score_calibration(model, given, labelled=replace(labelled, reference=target)))
     rows += unfit_rows(unfit | lacking, labelled.source)
     tests = [] if known else list(against_baseline(predictions, labelled, metric="auc"))
     return Evaluation(rows, tests)

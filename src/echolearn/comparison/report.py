@@ -20,7 +20,7 @@ from echolearn.comparison.template import template
 from echolearn.storage.manifests import Contents
 from echolearn.storage.marked_page import Markers, write_beside, write_between
 
-FORMAT = 9
+FORMAT = 10
 """Version of the report and the tables; part of a comparison's identity."""
 
 LIBRARIES = "numpy scipy scikit-learn torch lightning onnxruntime pyroomacoustics".split()

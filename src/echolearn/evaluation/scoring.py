@@ -16,6 +16,7 @@ import numpy as np
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import map_metrics, metrics, stats
 from echolearn.evaluation.pairs import PAIRED
+from echolearn.evaluation.reliability import evaluate_calibration
 from echolearn.evaluation.rows import (
     SNR_BANDS_DB,
     LabelledRows,
@@ -132,6 +133,7 @@ def evaluate_echoes(
         "balanced_accuracy": found["balanced_accuracy"],
         "average_precision": found["average_precision"],
         "expected_calibration_error": found["expected_calibration_error"],
+        **evaluate_calibration(true, given.confidence, weights=weights),
     }
 
 

@@ -14,11 +14,6 @@ from echolearn.robot.bundle import Bundle
 LIKENESS = 0.9
 """Correlation of a survey's probe with the bundle's; resampling takes a little of it."""
 
-OTHER_ARRAY = (
-    "an array of another shape needs a classifier trained for it; are the microphones in the same "
-    "order?"
-)
-
 
 def mount_angle(bundle: Bundle, *, array: MicArray, probe: Probe) -> float:
     """Return the angle in rad by which the bundle's array is turned on this robot.
@@ -39,11 +34,13 @@ def mount_angle(bundle: Bundle, *, array: MicArray, probe: Probe) -> float:
 
     # Positions can be compared only where there are as many.
     count = len(bundle.array)
-    check(len(array) == count, "microphones", len(array), allowed=f"must be {count}, the bundle's")
+    allowed = f"must be {count}, the bundle's"
+    check(len(array) == count, "microphones", len(array), allowed=allowed, hint=made_for(bundle))
     angle, off = turn_between(bundle.array.positions, array.positions)
     allowed = f"must be at most {DISPLACED * 1000:g} mm from the bundle's, however they are turned"
     shown = f"one is off by {off * 1000:.1f} mm"
-    check(off <= DISPLACED, "microphones", shown, allowed=allowed, hint=OTHER_ARRAY)
+    hint = f"{made_for(bundle)}; or are the microphones in another order?"
+    check(off <= DISPLACED, "microphones", shown, allowed=allowed, hint=hint)
 
     # A gain does not matter, so it is the normalised correlation that tells.
     likeness = _correlation(probe.samples, bundle.probe.samples)
@@ -70,6 +67,14 @@ def _shifted(found: Array, wanted: Array) -> str:
             f"its first {-late} samples are missing: put them back, and silence before recordings"
         )
     return "its sign is turned: take the bundle's probe.wav"
+
+
+def made_for(bundle: Bundle) -> str:
+    """Return for which array a bundle was made, and what to do with another."""
+    array = bundle.array
+    made = f"{bundle.about['name']} was made for {len(array)} microphones"
+    reach = f"the farthest {array.radius * 1000:.0f} mm from the loudspeaker"
+    return f"{made}, {reach}: for this array train one (docs/arrays.md), and name it, bundle=..."
 
 
 def _correlation(first: Array, second: Array) -> float:

@@ -1,6 +1,6 @@
 """A bundle or run from elsewhere is tried by a process of its own first, which may be lost.
 
-    digest on the list `storage.known`? --no--> child (`trial`): answers? --yes--> list
+    digest on the list `storage.known`, or shipped? --no--> child (`trial`): answers? --yes--> list
 
 Parsing a stranger's model and computing it is the work of libraries that trust their input. The
 child may use `SECONDS` of computing time and `MEMORY` bytes more than it has when it begins, and
@@ -21,6 +21,7 @@ from pathlib import Path
 
 from echolearn.checks import BadValue, check, printable
 from echolearn.robot.bundle import read_content
+from echolearn.robot.shipped import digests
 from echolearn.storage import known
 
 TRIAL = "echolearn.robot.trial"
@@ -58,7 +59,7 @@ def examine_run(folder: Path, digest: str) -> None:
 
 
 def _examine(kind: str, folder: Path, digest: str) -> None:
-    if known.is_known(digest, known.MADE, known.EXAMINED):
+    if known.is_known(digest, known.MADE, known.EXAMINED) or digest in digests().values():
         return
     began = time.perf_counter()
     _try(kind, folder, digest)

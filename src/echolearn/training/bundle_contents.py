@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from csv import DictReader
 from importlib.metadata import version
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from echolearn.classifiers.inputs import COVARIANCE, as_input, stack_inputs, vie
 from echolearn.classifiers.operating_point import BALANCED
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics, scoring
+from echolearn.evaluation.calibration_rows import score_calibration
 from echolearn.localization.columns import COVARIANCE_BANDS, UNITS, tensor_shape
 from echolearn.robot import bundle, schema
 from echolearn.storage.identity import KIND, plain
@@ -140,17 +142,21 @@ def localizer_description(about: Mapping[str, Any], *, window: Any) -> dict[str,
 def held_out_figures(run: Run, dataset: Dataset, *, resamples: int) -> dict[str, Any]:
     """Return every metric of labels on held-out rows, with 95 % intervals over positions.
 
+    They are judged by the label that the run has learned.
+
     Args:
         run: finished run.
         dataset: set that it was trained on.
         resamples: bootstrap draws.
     """
     predicted = predict_rows(run, dataset)
-    labelled = label_rows(dataset, resamples=resamples)
+    labelled = label_rows(dataset, resamples=resamples, target=run.model.target)
     figures = {}
-    for row in scoring.score_labels(run.model, [predicted], labelled=labelled):
+    about = {"predictions": [predicted], "labelled": labelled}
+    judged = scoring.score_labels(run.model, **about), score_calibration(run.model, **about)
+    for row in chain(*judged):
         # Rows of one band of SNR are of no use to a robot, which does not know its SNR.
-        if not row["snr_db"]:
+        if not row["snr_db"] and not row["metric"].startswith("own_"):
             figures[row["metric"]] = _figure(row)
     return {"set": dataset.name, "rows": len(predicted.rows), "figures": figures}
 

@@ -136,14 +136,20 @@ def predict_measured(run: Run, measured: MeasuredRows) -> Predictions:
     return Predictions(run.seed, rows, predict(run, measured.columns), run.threshold)
 
 
-def label_rows(dataset: Dataset, *, resamples: int) -> LabelledRows:
-    """Return what is known of a labelled set by the paper's label, with its bootstrap draws."""
+def label_rows(dataset: Dataset, *, resamples: int, target: str = "reflector") -> LabelledRows:
+    """Return what is known of a labelled set by one of its labels, with its bootstrap draws.
+
+    Args:
+        dataset: the set.
+        resamples: bootstrap draws.
+        target: name of the label; the paper's unless given.
+    """
     plan = dataset.manifest["plan"]
     sensor = bool(np.isfinite(dataset["snr_db"]).any())
     noise = noise_kind(plan["scene"], sensor=sensor)
     return LabelledRows(
         Recordings(dataset.name, kind="set", noise=noise, set_role=plan["role"]),
-        reference=dataset["reflector"],
+        reference=dataset[target].astype(bool),
         groups=dataset["group"],
         joint_snr_db=dataset.ratio_db,
         weights=stats.cluster_weights(dataset["group"], resamples=resamples),

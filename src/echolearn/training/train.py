@@ -34,6 +34,7 @@ from echolearn.classifiers.classifier import Classifier, Examples
 from echolearn.classifiers.inputs import Rows
 from echolearn.classifiers.operating_point import BALANCED, point_of, read_aim
 from echolearn.evaluation import metrics
+from echolearn.evaluation.reliability import evaluate_calibration
 from echolearn.storage import files, manifests
 from echolearn.storage.identity import canonical, digest, kind_of
 from echolearn.storage.once import once
@@ -258,6 +259,7 @@ def evaluate_rows(
     confidence = fitted.confidence(problem.inputs(fitted.classifier.inputs).part(rows))
     reference = problem.labels()[rows]
     values = metrics.evaluate_labels(reference, confidence, threshold=fitted.threshold)
+    values |= evaluate_calibration(reference, confidence)
     return {name: metrics.finite(value) for name, value in values.items()}
 
 
