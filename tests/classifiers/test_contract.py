@@ -17,6 +17,7 @@ from echolearn.classifiers.methods.ensemble import Ensemble
 from echolearn.classifiers.methods.network import Network
 from echolearn.cli import config
 from echolearn.evaluation.metrics import auc
+from echolearn.localization.columns import MAP_SECTORS
 
 NAMES = sorted(path.stem for path in (config.folder() / "classifier").glob("*.yaml"))
 QUICK = {
@@ -50,7 +51,8 @@ def problem(inputs, *, rows, seed):
     """Draw rows whose every entry tells a little, in units of very different size."""
     rng = np.random.default_rng(seed)
     y = rng.random(rows) < 0.5
-    shape = (4, 36) if view_of(inputs) == "covariance" else (len(inputs),)
+    shapes = {"covariance": (4, 36), "map": (MAP_SECTORS + 3, 16)}
+    shape = shapes.get(view_of(inputs), (len(inputs),))
     push = 0.5 if len(shape) == 2 else 2.2
     scale = 10.0 ** np.linspace(-3, 2, shape[-1])
     x = rng.normal(size=(rows, *shape)) + push * y.reshape(-1, *[1] * len(shape))
@@ -108,7 +110,8 @@ def test_the_configurations_of_the_plan_are_there():
 def test_configuration_is_a_call_that_can_be_made_as_it_stands(name):
     text = (config.folder() / "classifier" / f"{name}.yaml").read_text()
     assert text.startswith("_target_: echolearn.classifiers.methods.")
-    view = "covariance" if "covnet" in name else "features"
+    views = {"covnet": "covariance", "mapnet": "map"}
+    view = views.get(name.partition("_")[0], "features")
     assert view_of(config.build(plain(name), "classifier").inputs) == view
 
 

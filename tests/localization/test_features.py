@@ -73,8 +73,10 @@ def test_every_column_and_tensor_is_there_and_no_other():
         assert columns[name].shape == (2,)
         assert columns[name].dtype == np.float64
     for name in EVERY_TENSOR:
-        microphones = 7 if name == "covariance_steered_ideal" else 6
         assert columns[name].shape == (2, *tensor_shape(name, 6))
+    assert columns.pop("correlation_map").dtype == np.float16
+    for name in {*EVERY_TENSOR} & {*columns}:
+        microphones = 7 if name == "covariance_steered_ideal" else 6
         assert columns[name].dtype == np.float32
         trace = columns[name][..., :microphones].sum(axis=-1)
         assert np.allclose(trace, microphones, atol=1e-4)

@@ -14,9 +14,17 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check
+from echolearn.localization.columns import TENSOR_VIEWS
 
 FEATURES = "features"
 COVARIANCE = "covariance"
+MAP = "map"
+VIEWS = {
+    FEATURES: "columns",
+    COVARIANCE: "(B, bands, M * M)",
+    MAP: "(B, sectors + 1 + M, lags)",
+}
+"""What a classifier can look at; of tensors the shape."""
 
 TRUTH = (
     "reflector",
@@ -35,8 +43,14 @@ TRUTH = (
 
 
 def view_of(inputs: Sequence[str]) -> str:
-    """Return the view of `inputs`: the names of tensors begin with "covariance"."""
-    return COVARIANCE if inputs and inputs[0].startswith(COVARIANCE) else FEATURES
+    """Return the view of `inputs`: columns, or the kind of a tensor."""
+    name = inputs[0] if inputs else ""
+    return TENSOR_VIEWS.get(name, COVARIANCE if name.startswith(COVARIANCE) else FEATURES)
+
+
+def is_tensor(inputs: Sequence[str]) -> bool:
+    """Return whether `inputs` name a tensor rather than columns."""
+    return view_of(inputs) != FEATURES
 
 
 def check_inputs(inputs: Sequence[str], *, views: Sequence[str] = (FEATURES,)) -> tuple[str, ...]:
@@ -61,20 +75,20 @@ def check_inputs(inputs: Sequence[str], *, views: Sequence[str] = (FEATURES,)) -
     hint = f"only a simulation knows {known}"
     need(not known, allowed="what a robot can measure", hint=hint)
 
-    tensors = sum(name.startswith(COVARIANCE) for name in names)
+    tensors = sum(is_tensor([name]) for name in names)
     need(not tensors or len(names) == 1, allowed="columns, or one tensor alone")
-    kinds = {FEATURES: "columns", COVARIANCE: "a tensor"}
-    allowed = " or ".join(kinds[view] for view in views)
+    kinds = ["columns" if view == FEATURES else "a tensor" for view in views]
+    allowed = " or ".join(dict.fromkeys(kinds))
     need(view_of(names) in views, allowed=f"{allowed} for this classifier")
     return names
 
 
 def stack_inputs(names: Sequence[str], columns: Any) -> Array:
-    """Return what a classifier looks at, (B, K) or (B, bands, M * M).
+    """Return what a classifier looks at, (B, K), or a tensor (B, ...).
 
     The columns, each of shape (B, ...), come by name from a mapping or a set.
     """
-    if view_of(names) == COVARIANCE:
+    if is_tensor(names):
         return columns[names[0]]
     return np.stack([columns[name] for name in names], axis=1)
 
@@ -118,7 +132,7 @@ class Rows:
 
 
 Inputs = Array | Rows
-"""What a classifier is given: (B, K) columns or (B, bands, M * M) tensors."""
+"""What a classifier is given: columns or a tensor, of a shape of `VIEWS`."""
 
 
 def rows_of(x: Inputs, inputs: Sequence[str]) -> Rows:
@@ -146,7 +160,7 @@ def as_input(x: Inputs, inputs: Sequence[str], *, numbers: Array | None = None) 
     """Return `x` as a contiguous float32 array, the precision that every scorer sees.
 
     Args:
-        x: shape (B, K) for K columns, (B, bands, M * M) for a tensor.
+        x: shape (B, K) for K columns, for a tensor as `VIEWS` says.
         inputs: names of what a row holds.
         numbers: numbers of the rows, shape (B,), for the message; 0 ... B - 1 if None.
 
@@ -154,9 +168,9 @@ def as_input(x: Inputs, inputs: Sequence[str], *, numbers: Array | None = None) 
         BadValue: the wrong shape, or a value that is not finite in float32.
     """
     x = np.asarray(x)
-    if view_of(inputs) == COVARIANCE:
+    if is_tensor(inputs):
         fits = x.ndim == 3
-        allowed = "(B, bands, M * M)"
+        allowed = VIEWS[view_of(inputs)]
     else:
         fits = x.ndim == 2 and x.shape[1] == len(inputs)
         allowed = f"(B, {len(inputs)}), the columns {', '.join(inputs)}"

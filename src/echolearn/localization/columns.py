@@ -37,10 +37,17 @@ estimated direction, so that an echo from there is all ones whatever its directi
 | tensor                   | shape                   | meaning |
 |---|---|---|
 | covariance_steered_ideal | (bands, (M + 1)(M + 1)) | that with an ideal echo as microphone M + 1 |
+| correlation_map          | (sectors + 1 + M, lags) | J about the echo over its competitor |
 """
 
 COVARIANCE_BANDS = 16
 """Bands of frequencies in a covariance tensor."""
+
+MAP_SECTORS = 36
+"""Sectors of azimuth in a correlation map."""
+
+MAP_LAGS = 64
+"""Columns of a correlation map."""
 
 UNITS = {
     "toa": "s",
@@ -74,10 +81,13 @@ COLUMNS = [name for name in UNITS if name not in SEVERAL]
 TENSORS = ("covariance", "covariance_gated", "covariance_steered")
 """Tensors that every set has."""
 
-FURTHER_TENSORS = ("covariance_steered_ideal",)
+FURTHER_TENSORS = ("covariance_steered_ideal", "correlation_map")
 """Tensors that a plan may ask for besides."""
 
 EVERY_TENSOR = (*TENSORS, *FURTHER_TENSORS)
+
+TENSOR_VIEWS = dict.fromkeys(EVERY_TENSOR, "covariance") | {"correlation_map": "map"}
+"""What kind of tensor each is, as a bundle says it."""
 
 FURTHER = FURTHER_TENSORS
 """What a plan may ask for besides what every set has."""
@@ -85,5 +95,7 @@ FURTHER = FURTHER_TENSORS
 
 def tensor_shape(name: str, microphones: int) -> tuple[int, ...]:
     """Return the shape of one echo's tensor, heard by M microphones."""
+    if name == "correlation_map":
+        return (MAP_SECTORS + 1 + microphones, MAP_LAGS)
     heard = microphones + name.endswith("_ideal")
     return (COVARIANCE_BANDS, heard**2)

@@ -13,7 +13,8 @@ from echolearn.acoustics.types import Array, Echoes
 from echolearn.localization import beamforming
 from echolearn.localization.columns import COLUMNS, EVERY_TENSOR, TENSORS
 from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
-from echolearn.localization.tensors import SEGMENT, align, band_average, echo_tensors
+from echolearn.localization.segments import SEGMENT, align
+from echolearn.localization.tensors import band_average, echo_tensors
 
 
 def describe(

@@ -22,11 +22,10 @@ from scipy import fft
 from echolearn.acoustics.types import Array
 from echolearn.localization import beamforming
 from echolearn.localization.columns import COVARIANCE_BANDS
-from echolearn.localization.correlations import PAD, advance, echo_model
+from echolearn.localization.correlation_map import correlation_map
+from echolearn.localization.correlations import PAD, echo_model
 from echolearn.localization.matched_filter import MatchedFilter
-
-SEGMENT = 64
-"""Lags of the matched filters around an echo from which its tensors are taken."""
+from echolearn.localization.segments import SEGMENT, align, cut
 
 
 def echo_tensors(
@@ -40,9 +39,11 @@ def echo_tensors(
         toward: unit vectors of their directions, shape (B, 3).
         names: what is wanted.
     """
-    covariances = [name for name in names if name.startswith("covariance_")]
-    if not covariances:
-        return {}
+    found: dict[str, Array] = {}
+    if "correlation_map" in names:
+        found["correlation_map"] = correlation_map(matched, index, toward=toward)
+    if not any(name.startswith("covariance_") for name in names):
+        return found
     segments = {
         "covariance_gated": cut(matched.padded, index),
         "covariance_steered": align(matched, index, toward=toward),
@@ -50,7 +51,7 @@ def echo_tensors(
     if "covariance_steered_ideal" in names:
         heard = [segments["covariance_steered"], ideal_echo(matched)]
         segments["covariance_steered_ideal"] = np.concatenate(heard, axis=1)
-    return {name: segment_covariance(segment) for name, segment in segments.items()}
+    return {name: segment_covariance(segment) for name, segment in segments.items()} | found
 
 
 def segment_covariance(segment: Array) -> Array:
@@ -67,24 +68,6 @@ def ideal_echo(matched: MatchedFilter) -> Array:
     level = np.sqrt(np.mean(np.square(matched.correlation[:, 0]), axis=-1))
     # Lag 0 lies in the middle of the segment, where `align` puts the echo.
     return level[:, None, None] * (pulse[-SEGMENT:] / pulse[PAD])
-
-
-def align(matched: MatchedFilter, index: Array, *, toward: Array) -> Array:
-    """Return r_m(toa + eta_m + k) for `SEGMENT` lags k around 0, shape (B, M, SEGMENT).
-
-    Args:
-        matched: matched-filter view of B observations.
-        index: lag indices of the echoes, shape (B,).
-        toward: unit vectors for which microphones are delayed by eta_m, shape (B, 3).
-    """
-    advanced = advance(matched.padded, matched.eta(toward)[:, None])
-    return cut(advanced[:, 0], index)
-
-
-def cut(padded: Array, index: Array) -> Array:
-    """Return `SEGMENT` lags centred on lag indices (B,) of `padded` (B, M, L + 2 PAD)."""
-    lags = index[:, None] + PAD - SEGMENT // 2 + np.arange(SEGMENT)
-    return np.take_along_axis(padded, lags[:, None, :], axis=-1)
 
 
 def band_average(covariances: Array) -> Array:

@@ -28,7 +28,7 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import BadValue, check
 from echolearn.localization import methods
-from echolearn.localization.columns import COLUMNS, EVERY_TENSOR, SEVERAL, UNITS, tensor_shape
+from echolearn.localization.columns import COLUMNS, SEVERAL, TENSOR_VIEWS, UNITS, tensor_shape
 from echolearn.localization.localizer import Localizer, returned
 from echolearn.robot import untrusted_files, untrusted_models
 from echolearn.robot.schema import GOLDEN, LIMITS, upgraded
@@ -174,8 +174,10 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
 
 def _inputs(about: Mapping[str, Any], microphones: int) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """Return the names of what the model looks at, and the shape of one input."""
-    tensor = about["view"] == "covariance"
-    known = EVERY_TENSOR if tensor else [*COLUMNS, *SEVERAL]
+    view = about["view"]
+    tensor = view != "features"
+    known = [name for name, kind in TENSOR_VIEWS.items() if kind == view]
+    known = known if tensor else [*COLUMNS, *SEVERAL]
     names = [column["name"] for column in about["columns"]]
     wrong = [name for name in names if name not in known]
     check(not wrong, "columns", wrong, allowed=f"must be some of {', '.join(known)}", hint=NEWER)

@@ -17,7 +17,7 @@ from echolearn.checks import (
     check_text,
     check_whole,
 )
-from echolearn.localization.columns import COVARIANCE_BANDS
+from echolearn.localization.columns import COVARIANCE_BANDS, TENSOR_VIEWS
 from echolearn.storage.advice import is_command
 from echolearn.storage.tables import check_plain, nullable
 
@@ -79,7 +79,7 @@ TABLE: dict[str, Any] = {
     "seed": partial(check_whole, low=0, high=2**63),
     "trained_on": check_text,
     "data": {"plan": check_text, "digest": check_text, "rows": COUNT},
-    "view": ("features", "covariance"),
+    "view": ("features", *dict.fromkeys(TENSOR_VIEWS.values())),
     "columns": [{"name": check_text, "unit": check_text}],
     "bands": COVARIANCE_BANDS,
     "input_shape": [partial(check_whole, low=1, high=10**5)],

@@ -21,7 +21,7 @@ import numpy as np
 import echolearn
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import check
-from echolearn.classifiers.inputs import COVARIANCE, as_input, stack_inputs, view_of
+from echolearn.classifiers.inputs import as_input, is_tensor, stack_inputs, view_of
 from echolearn.classifiers.operating_point import BALANCED
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics, scoring
@@ -53,7 +53,7 @@ def bundle_description(
         resamples: bootstrap draws behind intervals.
     """
     shape = [len(run.inputs)]
-    if view_of(run.inputs) == COVARIANCE:
+    if is_tensor(run.inputs):
         shape = [*tensor_shape(run.inputs[0], len(array))]
     model = run.metrics["model"]
     target = run.model.target

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.classifiers.inputs import as_input, stack_inputs
+from echolearn.classifiers.inputs import as_input, is_tensor, stack_inputs
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import stats
 from echolearn.evaluation.rows import (
@@ -20,7 +20,6 @@ from echolearn.evaluation.rows import (
     Predictions,
     Recordings,
 )
-from echolearn.localization.columns import EVERY_TENSOR
 from echolearn.simulation.scene import noise_kind
 from echolearn.storage import known, manifests
 from echolearn.training.runs import Run
@@ -37,7 +36,7 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
         folder: folder of the run.
 
     Returns:
-        Maps raw inputs, (B, K) columns or (B, bands, M * M), to confidences (B,).
+        Maps raw inputs, (B, K) columns or a tensor (B, ...), to confidences (B,).
 
     Raises:
         BadValue: the run is not finished, a file of it is missing or damaged, or it was made
@@ -52,7 +51,7 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
     if known.is_known(digest, known.MADE):
         compute = open_onnx(model)
     else:
-        compute = _limited(folder, digest, model=model, rank=2 + (inputs[0] in EVERY_TENSOR))
+        compute = _limited(folder, digest, model=model, rank=2 + is_tensor(inputs))
     return lambda x: compute(as_input(x, inputs))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check, check_number
-from echolearn.classifiers.inputs import COVARIANCE, Rows, rows_of, stack_inputs, view_of
+from echolearn.classifiers.inputs import Rows, is_tensor, rows_of, stack_inputs
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.storage.tables import check_plain
 from echolearn.training.fields import FIELDS
@@ -59,11 +59,11 @@ class LearningProblem:
         return {"plan": dataset.name, "data": dataset.digest, **fields}
 
     def inputs(self, names: Sequence[str]) -> Rows:
-        """Return what a classifier with these inputs sees, (B, K) or (B, bands, M * M).
+        """Return what a classifier with these inputs sees, (B, K), or a tensor (B, ...).
 
         Columns are read now, a tensor stays in the set's shards until its rows are asked for.
         """
-        if view_of(names) == COVARIANCE:
+        if is_tensor(names):
             numbers = np.arange(len(self.dataset))
             # Without rows this reads nothing, and fails now if there is no such tensor.
             self.dataset.gather(names[0], numbers[:0])

@@ -38,16 +38,16 @@ from echolearn.checks import check, check_choice, check_fields
 from echolearn.classifiers.batches import BLOCK, Batches, WholeEpoch, source_of
 from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.inputs import (
-    COVARIANCE,
-    FEATURES,
+    VIEWS,
     Inputs,
     blocks_of,
     check_inputs,
+    is_tensor,
     rows_of,
-    view_of,
 )
 from echolearn.classifiers.remarks import without_remarks
 from echolearn.classifiers.standardise import standardiser
+from echolearn.localization.columns import tensor_shape
 from echolearn.storage.files import write_atomic
 
 RANGES = {
@@ -97,7 +97,7 @@ class Network:
     fitted: nn.Module = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        self.inputs = check_inputs(self.inputs, views=(FEATURES, COVARIANCE))
+        self.inputs = check_inputs(self.inputs, views=tuple(VIEWS))
         check_fields("classifier", self, ranges=RANGES)
         there = accelerators()
         allowed = f"must be what this machine has: {', '.join(there)}"
@@ -110,7 +110,8 @@ class Network:
         check(recipe, "classifier.net", self.net, allowed=allowed)
 
         # A recipe that does not fit the inputs fails now rather than after an hour of sets.
-        shape = (16, 36) if view_of(self.inputs) == COVARIANCE else (len(self.inputs),)
+        tensor = is_tensor(self.inputs)
+        shape = tensor_shape(self.inputs[0], 6) if tensor else (len(self.inputs),)
         with seeded(0, accelerator="cpu"):
             self.net(shape)
 
