@@ -20,7 +20,7 @@ from echolearn.checks import check
 from echolearn.classifiers.calibration import platt
 from echolearn.classifiers.classifier import Classifier, Examples
 from echolearn.classifiers.constants import register_constants
-from echolearn.classifiers.inputs import COVARIANCE, Inputs, as_input, check_inputs, view_of
+from echolearn.classifiers.inputs import Inputs, as_input, check_inputs, is_tensor, view_of
 
 
 @dataclass
@@ -43,7 +43,7 @@ class Ensemble:
         check(several, "classifier.members", self.members, allowed=allowed)
         names = [name for each in self.members.values() for name in each.inputs]
         views = {view_of(each.inputs) for each in self.members.values()}
-        allike = len(views) == 1 and (views != {COVARIANCE} or len({*names}) == 1)
+        allike = len(views) == 1 and (not is_tensor(names) or len({*names}) == 1)
         allowed = "must all see columns, or all the same tensor"
         check(allike, "classifier.members", ", ".join(self.members), allowed=allowed)
         self.inputs = check_inputs(tuple(dict.fromkeys(names)), views=tuple(views))
@@ -71,7 +71,7 @@ class Ensemble:
 
     def _seen(self, x: Inputs, member: Classifier) -> Inputs:
         """Return what a member sees of inputs (B, ...)."""
-        if view_of(self.inputs) == COVARIANCE:
+        if is_tensor(self.inputs):
             return x
         return as_input(x, self.inputs)[:, self._columns(member)]
 
@@ -83,7 +83,7 @@ class Ensemble:
 
     def scorer(self) -> torch.nn.Module:
         """Return all members as one torch module."""
-        tensor = view_of(self.inputs) == COVARIANCE
+        tensor = is_tensor(self.inputs)
         return Mean(
             Part(member.scorer(), None if tensor else self._columns(member), *line)
             for member, line in zip(self.members.values(), self.logits.tolist(), strict=True)
