@@ -21,7 +21,7 @@ from echolearn.simulation.noise.white import White
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
 from echolearn.studies.accuracy import METRICS
-from echolearn.studies.run import estimate
+from echolearn.studies.estimates import estimate
 from echolearn.studies.study import Study
 from reference import FIRST, LAST, RATE, RING, observed, wave, white
 from refusals import refused

@@ -14,7 +14,7 @@ from echolearn.cli import config
 from echolearn.cli.compose import compose
 from echolearn.localization.methods.joint import Joint
 from echolearn.studies.accuracy import METRICS
-from echolearn.studies.run import estimate
+from echolearn.studies.estimates import estimate
 from echolearn.studies.study import Study
 
 EXPERIMENTS = sorted(path.stem for path in (config.folder() / "experiment").glob("*.yaml"))

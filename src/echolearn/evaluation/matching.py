@@ -11,7 +11,6 @@ nothing, the angle between the two directions.
 """
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from echolearn.acoustics.geometry import direction, wrap
 from echolearn.acoustics.types import Array, Truth
@@ -54,6 +53,9 @@ def match_echoes(
     echoes = _times("estimated_toa", estimated_toa)
     error = np.abs(echoes[:, None] - walls) / tolerance
     fits = error < 1 if allowed is None else (error < 1) & allowed
+    # A third of a second to load, which every process that makes a set would pay.
+    from scipy.optimize import linear_sum_assignment
+
     # A pair that does not fit costs more than all others together, so it is taken last.
     costs = np.where(fits, error, 4.0 * (1 + sum(error.shape)))
     rows, columns = linear_sum_assignment(costs)

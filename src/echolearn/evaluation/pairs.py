@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import rankdata
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check
@@ -35,6 +34,8 @@ def auc_shares(reference: Array, *, first: Array, second: Array) -> Array:
     Returns:
         Shape (B,).
     """
+    from scipy.stats import rankdata
+
     first, second = rankdata(first), rankdata(second)
     # Either answer of the other row may be the one it is compared with, so both are counted.
     true_ranks = np.append(first[reference], second[reference])

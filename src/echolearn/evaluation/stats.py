@@ -23,7 +23,6 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import binomtest
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check, check_whole
@@ -152,6 +151,9 @@ def wilson(successes: int, trials: int) -> Interval:
     """
     check_whole("trials", trials, low=1)
     check_whole("successes", successes, low=0, high=trials, hint="more successes than trials?")
+    # Half a second to load, which every command would pay that writes a table.
+    from scipy.stats import binomtest
+
     found = binomtest(successes, trials).proportion_ci(LEVEL, method="wilson")
     return Interval(successes / trials, float(found.low), float(found.high))
 

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from echolearn.acoustics.arrays import limits
-from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check, check_name, check_whole
 from echolearn.evaluation import stats
@@ -32,8 +31,8 @@ from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.identity import digest, plain
 from echolearn.storage.once import once
 from echolearn.studies import curves
-from echolearn.studies.accuracy import DRAWS, METRICS, drawn_by_chance, is_right, strongest_echo
-from echolearn.studies.recordings import Condition, Position, record
+from echolearn.studies.accuracy import METRICS
+from echolearn.studies.estimates import write_shard
 from echolearn.studies.study import CHANCE, Study
 
 
@@ -98,7 +97,7 @@ def _write_missing(study: Study, estimates: Path, *, name: str, workers: int) ->
     missing = manifests.missing_shards(estimates, len(study.values))
     done = len(study.values) - len(missing)
     with processes(max(1, min(workers, len(missing)))) as pool:
-        jobs = [pool.submit(_write_shard, study, estimates, index) for index in missing]
+        jobs = [pool.submit(write_shard, study, estimates, index) for index in missing]
         for job in track(jobs, f"study {name}", unit="values", done=done):
             job.result()
 
@@ -128,67 +127,6 @@ def _finished(folder: Path, about: Mapping[str, Any]) -> str | None:
         if about.items() <= manifest.items():
             return manifests.listed_bytes(folder, manifest, ["study.md"])["study.md"].decode()
     return None
-
-
-def _write_shard(study: Study, folder: Path, index: int) -> None:
-    """Write what localizers get right at one value."""
-    manifests.write_shard(folder, index, estimate(study, study.values[index]))
-
-
-def estimate(study: Study, value: Any) -> Array:
-    """Return what every localizer gets right in the recordings at one value.
-
-    Returns:
-        Records, shape (trials,): `position`, its number; `hit`, shape (localizers + 1, 4): for each
-        localizer, whether the metrics in the order of `METRICS` are met, and last the share for
-        `chance`.
-    """
-    condition = study.condition(value)
-    shape = (len(study.localizers) + 1, len(METRICS))
-    table = np.empty(study.trials, dtype=[("position", int), ("hit", float, shape)])
-    shared_out = np.array_split(np.arange(study.trials), study.positions)
-    for number, (pose, trials) in enumerate(zip(study.poses(), shared_out, strict=True)):
-        position = study.position(number, pose).under(condition)
-        table["position"][trials] = number
-        table["hit"][trials] = evaluate_position(
-            study, position, condition=condition, trials=trials
-        )
-    return table
-
-
-def evaluate_position(
-    study: Study, position: Position, *, condition: Condition, trials: Array
-) -> Array:
-    """Return which metrics each localizer and, last, chance meet at one position.
-
-    Args:
-        study: localizers, window and seed.
-        position: where, and with what.
-        condition: levels, fault, room.
-        trials: numbers of its recordings, shape (B,).
-
-    Returns:
-        Shape (B, localizers + 1, 4); of chance the share of its draws; NaN where a localizer
-        refuses the array.
-    """
-    observation = record(position, condition, trials=trials.tolist(), seed=study.seed)
-    other = condition.array is not None
-    may_refuse = condition.fault.dead > 0 or other
-    estimates = [
-        strongest_echo(localizer, observation, may_refuse=may_refuse)
-        for localizer in study.localizers.values()
-    ]
-    rng = stream(study.seed, "guess", position.number)
-    count = len(trials) * DRAWS
-    estimates.append(drawn_by_chance(position.scene, study.window, count=count, rng=rng))
-    shares = []
-    for each in estimates:
-        right = is_right(each, room=condition.room, pose=position.pose, scene=position.scene)
-        if other:
-            # What a dead microphone costs is wrong, what no array like this can tell is no number.
-            right = np.where(np.isnan(each[:, :1]), np.nan, right)
-        shares.append(right.reshape(len(trials), -1, len(METRICS)).mean(axis=1))
-    return np.stack(shares, axis=1)
 
 
 def accuracy_rows(study: Study, folder: Path, *, resamples: int) -> list[Row]:
