@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 import world as small
 from echolearn.acoustics import signals
@@ -17,6 +18,14 @@ from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import add_noise
 from echolearn.simulation.rir.pyroom import Pyroom
 from echolearn.simulation.scene import Scene
+
+# How long an example takes tells of the machine; examples write anew what fixtures let them share.
+settings.register_profile(
+    "any machine",
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("any machine")
 
 
 @pytest.fixture(scope="session", autouse=True)

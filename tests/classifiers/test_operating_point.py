@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from echolearn.checks import BadValue
@@ -54,7 +54,6 @@ def test_what_keeps_all_is_a_cut_too():
         assert choose_cut(np.full(4, 0.3), y, read_aim(aim)).threshold == 0.0
 
 
-@settings(deadline=None, max_examples=100)
 @given(
     st.lists(st.tuples(st.integers(0, 8), st.booleans()), min_size=2, max_size=40),
     st.sampled_from([0.3, 0.5, 0.75, 0.9, 1.0]),

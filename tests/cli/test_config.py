@@ -371,7 +371,7 @@ def test_what_hydra_reads_otherwise_is_quoted_twice(path):
 
 
 @given(st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50)
 def test_any_name_that_is_quoted_is_read_as_it_is(name):
     word = assignment("name", name)
     assert one("map", word)["name"] == without_hydra("map", word)["name"] == name

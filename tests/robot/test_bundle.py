@@ -6,7 +6,7 @@ from shutil import copytree
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bundle_mutants import seal
@@ -137,9 +137,7 @@ VALUES = st.recursive(
 
 
 @given(st.data())
-@settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=150)
 def test_any_value_is_taken_or_refused_in_one_line(packed, tmp_path, data):
     folder = copytree(packed, tmp_path / "bundle", dirs_exist_ok=True)
     content = json.loads((folder / "bundle.json").read_text())

@@ -4,7 +4,7 @@ from shutil import copytree
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bundle_mutants import BUNDLES, FILES, seal
@@ -20,9 +20,7 @@ from world import HALL, plans
 EXAMINED = ("model that never ends", "model of a giant product", "model nudged", "not JSON")
 """Bundles that a process of its own has to load, and others that it may."""
 
-MANY = settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+MANY = settings(max_examples=40)
 
 
 @pytest.fixture(scope="module")

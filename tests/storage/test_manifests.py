@@ -63,7 +63,7 @@ def damaged(sound, name, content):
     return str(caught.value)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.data(), st.booleans())
 def test_any_flipped_bit_and_any_truncation_is_detected(sound, data, cut):
     name = data.draw(st.sampled_from(sorted(sound[1])))
@@ -191,7 +191,7 @@ for index in range(400):
 """
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(st.floats(0.0, 0.25))
 def test_sigkill_at_any_moment_never_leaves_a_shard_that_counts_but_is_wrong(delay):
     with tempfile.TemporaryDirectory() as name:

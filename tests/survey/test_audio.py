@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 import soundfile
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from echolearn.checks import BadValue
@@ -35,7 +35,7 @@ def refusal(path, shape=SHAPE):
 
 
 @given(st.integers(1, 4), st.integers(1, 50), st.integers(0, 2**32))
-@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20)
 def test_float_recordings_survive_bit_by_bit(tmp_path, channels, length, seed):
     samples = np.random.default_rng(seed).standard_normal((channels, length)).astype(np.float32)
     (tmp_path / "any.wav").write_bytes(audio.wav_bytes(samples, 22050.0))

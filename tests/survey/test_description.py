@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from by_hand import FILES, edit
@@ -141,9 +141,7 @@ VALUES = st.recursive(
 
 
 @given(st.sampled_from([*KEYS.split(", "), "other"]), VALUES)
-@settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=150)
 def test_any_value_is_taken_or_refused_in_one_line(folder, key, value):
     before = (folder / "survey.yaml").read_text()
     edit(folder, **{key: value})

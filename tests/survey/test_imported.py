@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
@@ -350,7 +350,7 @@ def test_unknown_directions_are_empty_cells(annotations, tmp_path):
     assert (folder / "truth.csv").read_text().splitlines()[1].endswith(",,")
 
 
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40)
 @given(share=st.floats(0.0, 0.999), bit=st.integers(0, 7), cut=st.booleans())
 def test_a_damaged_file_of_annotations_is_read_or_refused_in_one_line(annotations, share, bit, cut):
     whole = (annotations / INSIDE).read_bytes()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import soundfile
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from by_hand import ARRAY, CONDITIONS, FILES, POSES, PROBE, ROOM, SAMPLES, edit
@@ -115,9 +115,7 @@ def test_a_missing_file_is_named(folder, name):
     st.lists(st.tuples(st.integers(0, 80), st.integers(0, 255)), min_size=1, max_size=4),
     st.integers(0, 4000),
 )
-@settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=150)
 def test_a_damaged_header_is_an_error_or_a_recording(folder, bytes_, cut):
     """Whatever the first bytes are, and wherever the file ends, no parser's traceback is seen."""
     content = bytearray(wav_bytes(SAMPLES[0], 22050.0))

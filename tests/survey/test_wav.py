@@ -149,7 +149,7 @@ SUBTYPES = ["PCM_U8", "PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE"]
     st.integers(0, 60),
     st.integers(0, 2**32),
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_what_libsndfile_writes_is_read_as_it_reads_it(subtype, format, channels, length, seed):
     signal = np.random.default_rng(seed).uniform(-1, 1, (length, channels))
     kind, _, big = format.partition(" ")
@@ -162,7 +162,7 @@ def test_what_libsndfile_writes_is_read_as_it_reads_it(subtype, format, channels
 
 
 @given(st.sampled_from(["u1", "i2", "i4", "i8", "f4", "f8", ">i2", ">f4"]), st.integers(0, 40))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_what_scipy_writes_is_read_back(kind, length):
     signal = (100 + 20 * np.random.default_rng(length).standard_normal((length, 2))).astype(kind)
     buffer = BytesIO()
@@ -203,7 +203,7 @@ def test_what_cannot_be_read_is_said_in_one_line(said):
     st.lists(st.tuples(st.integers(0, 80), st.integers(0, 255)), max_size=5),
     st.integers(0, 1900),
 )
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_any_header_is_read_or_refused(content, changes, cut):
     """Wherever the file ends, whatever its first bytes are: no other error, no more samples."""
     torn = bytearray(content)
