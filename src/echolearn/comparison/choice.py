@@ -28,6 +28,7 @@ class Comparison:
         rows: rows of results.csv.
         tests: rows of tests.csv.
         measured: echoes of recorded surveys, by the names of their group and localizer.
+        repeated: rows of robustness.csv, on sets that repeat others under another condition.
     """
 
     models: Mapping[Model, Sequence[Run]]
@@ -37,6 +38,7 @@ class Comparison:
     rows: Sequence[Row]
     tests: Sequence[Row]
     measured: Mapping[tuple[str, str], MeasuredRows] = field(default_factory=dict)
+    repeated: Sequence[Row] = ()
 
 
 def headline(comparison: Comparison) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from echolearn.checks import BadValue, check, check_list, check_name, check_whole
-from echolearn.comparison import report
+from echolearn.comparison import report, robustness
 from echolearn.comparison.choice import Comparison, chosen_run
 from echolearn.comparison.evaluate import Inputs, evaluate
 from echolearn.comparison.finding import find_set, find_survey, survey_digest
@@ -202,6 +202,8 @@ def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) ->
         "results.csv": to_csv(comparison.rows, COLUMNS.split()),
         "tests.csv": to_csv(comparison.tests, TEST_COLUMNS.split()),
     }
+    if comparison.repeated:
+        files["robustness.csv"] = to_csv(comparison.repeated, robustness.COLUMNS.split())
     files |= report.make(comparison, drawings=draw_all(comparison), name=folder.name)
     for file, content in files.items():
         write_atomic(folder / file, content)

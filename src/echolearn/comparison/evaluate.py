@@ -20,6 +20,7 @@ from echolearn.comparison.fitting import (
 from echolearn.comparison.localized import localize_survey
 from echolearn.comparison.measured import Unheard, grouped, is_mapped, measured_rows
 from echolearn.comparison.recorded import examined, is_examined, lines_of
+from echolearn.comparison.robustness import changes, under_conditions
 from echolearn.comparison.tables import SHOWN_DB
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import pairs, scoring
@@ -132,7 +133,10 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
     # All tests of a family are corrected together, so only when all of them are known.
     check_some_fit(rows)
     corrected = pairs.correct(tests)
-    return Comparison(models, inputs.roles, inputs.sets, surveys, rows, corrected, measured)
+    repeated = evaluate_conditions(inputs, resamples=resamples)
+    return Comparison(
+        models, inputs.roles, inputs.sets, surveys, rows, corrected, measured, repeated
+    )
 
 
 def check_some_fit(rows: Sequence[Row]) -> None:
@@ -161,14 +165,7 @@ def evaluate_set(
     """
     dataset = Dataset(folder)
     labelled = label_rows(dataset, resamples=resamples)
-    robot = robot_in(dataset.manifest["plan"]["scene"])
-    models, unfit = split_fitting(models, robots, robot)
-    lacking = {
-        model: MISSING_COLUMNS
-        for model, given in models.items()
-        if not all(dataset.holds(run.inputs) for run in given)
-    }
-    models = {model: given for model, given in models.items() if model not in lacking}
+    models, unfit = fitting_set(models, dataset, robots)
     runs = chain.from_iterable(models.values())
     known = dataset.digest in {run.data_digest for run in runs}
     predictions = predicted(models, lambda run: predict_rows(run, dataset, held_out=known))
@@ -180,9 +177,42 @@ def evaluate_set(
         # Calibration is about the label that was learned.
         target = dataset[model.target or PAPER].astype(bool)
         rows.extend(score_calibration(model, given, labelled=replace(labelled, reference=target)))
-    rows += unfit_rows(unfit | lacking, labelled.source)
+    rows += unfit_rows(unfit, labelled.source)
     tests = [] if known else list(against_baseline(predictions, labelled, metric="auc"))
     return Evaluation(rows, tests)
+
+
+def fitting_set(
+    models: Models, dataset: Dataset, robots: Mapping[str, Robot]
+) -> tuple[dict[Model, Sequence[Run]], dict[Model, str]]:
+    """Return the models that can say something about a set, and of the others why not.
+
+    Args:
+        models: finished runs of each model.
+        dataset: the set.
+        robots: robots of training sets, by the sets' digests.
+    """
+    robot = robot_in(dataset.manifest["plan"]["scene"])
+    fit, unfit = split_fitting(models, robots, robot)
+    lacking = {
+        model: MISSING_COLUMNS
+        for model, given in fit.items()
+        if not all(dataset.holds(run.inputs) for run in given)
+    }
+    return {key: runs for key, runs in fit.items() if key not in lacking}, unfit | lacking
+
+
+def evaluate_conditions(inputs: Inputs, *, resamples: int) -> list[Row]:
+    """Return the rows about sets that repeat positions of others under another condition."""
+    repeated = under_conditions(inputs.sets)
+    given: dict[Model, dict[str, list[Predictions]]] = {}
+    for name in {*repeated, *repeated.values()}:
+        fit, _ = fitting_set(inputs.models, inputs.sets[name], inputs.robots)
+        for model, runs in fit.items():
+            answers = [predict_rows(run, inputs.sets[name]) for run in runs]
+            given.setdefault(model, {})[name] = answers
+    about: dict[str, Any] = {"sets": inputs.sets, "resamples": resamples}
+    return [row for model in given for row in changes(model, given[model], **about)]
 
 
 def evaluate_survey(

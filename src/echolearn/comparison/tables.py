@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from echolearn.comparison.calibration_tables import calibration_table
+from echolearn.comparison.calibration_tables import calibration_table, own_table
 from echolearn.comparison.choice import Comparison, chosen, headline
 from echolearn.comparison.measured_tables import measured_tables
 from echolearn.comparison.pivot import Table, pivot
@@ -110,6 +110,8 @@ def gather(comparison: Comparison) -> dict[str, Any]:
         "unseen": unseen(comparison, source),
         "worst": worst_test_set(here),
         "away": away(comparison),
+        "own": own_table(rows),
+        "repeated": comparison.repeated,
         "calibration": calibration_table(here, tested_on=away(comparison), localizer=localizer),
         "directions": by_room(unfiltered(rows)),
         "precision": by_room(pick(left, metric="precision")),
