@@ -16,7 +16,7 @@ SETS := paper,paper_planar,scattered,offgrid_10x8x6,offgrid_8x6x5,offgrid_13x11x
 # Classifiers that are cross-validated, too, as in the paper: those that fit in seconds.
 CROSSED := s*,t*
 # Those for sets of their own (`plan=varied`): they are no rows of the paper's comparison.
-LATER := *_ideal,ensemble,mapnet,posenet
+LATER := *_ideal,*_invariant,ensemble,mapnet,posenet
 # The rooms that are mapped.
 MAPPED := 8x6x5,13x11x5
 
@@ -43,7 +43,7 @@ $(READY): requirements.lock requirements-cuda.lock pyproject.toml
 
 paper: $(READY) ## the main job in full size: sets, classifiers, surveys, comparison
 	$(RUN) generate -m runs=$(RUNS) plan=$(SETS)
-	$(TRAIN) runs=$(RUNS) \
+	$(TRAIN) runs=$(RUNS) target=reflector \
 	  -- plan=paper seed=0 'classifier=glob([$(CROSSED)],exclude=[$(LATER)])' folds=5 \
 	  -- plan=paper seed=0 'classifier=glob(*,exclude=[$(CROSSED),$(LATER)])' \
 	  -- plan=paper seed=1,2 'classifier=glob(*,exclude=[$(LATER)])' \
@@ -54,7 +54,7 @@ paper: $(READY) ## the main job in full size: sets, classifiers, surveys, compar
 
 tiny: $(READY) ## the same path on small sets, for a first look
 	$(RUN) generate -m runs=$(RUNS)/tiny plan=tiny,tiny_scattered
-	$(TRAIN) runs=$(RUNS)/tiny classifier=threshold_peak,svm_pair,svm_features,trees_features,mlp_features plan=tiny_scattered
+	$(TRAIN) runs=$(RUNS)/tiny target=reflector classifier=threshold_peak,svm_pair,svm_features,trees_features,mlp_features plan=tiny_scattered
 	$(RUN) survey -m -j $(JOBS) runs=$(RUNS)/tiny room=8x6x5 snr_db=-5,0 poses=60
 	$(RUN) compare runs=$(RUNS)/tiny name=tiny 'tested=[tiny,tiny_scattered]' 'surveys=[8x6x5_-5dB,8x6x5_0dB]' resamples=200
 
@@ -67,7 +67,7 @@ empty :=
 measured: $(READY) ## classifiers for the array of R3VIVAL on its measured sound; writes docs/measured.md; CHECKOUT=folder takes the whole set
 	$(RUN) generate -m runs=$(RUNS)/measured scene=octahedron plan=scattered plan.rows=3000 realism=clean,measured
 	$(TRAIN) runs=$(RUNS)/measured scene=octahedron plan=scattered plan.rows=3000 realism=clean,measured \
-	  -- classifier=trees_features,svm_features,threshold_peak,svm_pair \
+	  -- classifier=trees_features,svm_features,threshold_peak,svm_pair target=reflector \
 	  -- classifier=trees_features,svm_features target=time_and_direction
 	$(RUN) import -m -j $(JOBS) runs=$(RUNS)/measured snr_db=$(LEVELS) draw=0,1 $(if $(CHECKOUT),folder=$(CHECKOUT))
 	$(RUN) compare runs=$(RUNS)/measured name=measured 'tested=[scattered,scattered_measured]' \

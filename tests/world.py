@@ -119,7 +119,7 @@ def write_set(plan: Plan, runs: Path) -> Dataset:
 def train(dataset: Dataset, name: str, *, seed: int, runs: Path, **changes: Any) -> None:
     """Train one of the classifiers."""
     keys = CLASSIFIERS[name] | changes
-    problem = LearningProblem(dataset, seed=seed)
+    problem = LearningProblem(dataset, target="reflector", seed=seed)
     make = partial(config.build, keys, "classifier")
     train_run(problem, name=name, classifier=make, config=by_short_names(keys), runs=runs)
 

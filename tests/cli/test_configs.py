@@ -13,6 +13,8 @@ import yaml
 from echolearn.cli.compose import compose
 from echolearn.cli.config import build, folder
 from echolearn.cli.targets import TARGET, imported
+from echolearn.dataset.plans import ScatteredPlan
+from echolearn.localization.columns import COLUMNS
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.rotor import Rotor
 from echolearn.survey import audio
@@ -134,6 +136,15 @@ def test_a_plan_with_rotors_takes_another_field_where_one_is_chosen():
         config["plan"]["scene"]["diffuse"]["source"]["_target_"]
         == "echolearn.simulation.noise.recorded.recorded"
     )
+
+
+def test_the_varied_set_is_realistic_and_has_what_invariant_classifiers_see() -> None:
+    varied = plan("varied")
+    assert isinstance(varied, ScatteredPlan)
+    assert not varied.realism.clean and varied.name == "varied"
+    assert tuple(varied.snr_db or ()) == (-20, 40)
+    columns = yaml.safe_load((folder() / "classifier/columns/invariant.yaml").read_text())
+    assert {*columns["inputs"]} <= {*COLUMNS, *varied.further}
 
 
 @pytest.mark.parametrize("option", [option for option in PLANS if option.startswith("offgrid")])

@@ -13,8 +13,10 @@ from echolearn.bench import equations
 from echolearn.localization import features
 from echolearn.localization.beamforming import azimuth_grid
 from echolearn.localization.columns import (
+    AGREEMENT,
     COLUMNS,
     COVARIANCE_BANDS,
+    EVERY_COLUMN,
     EVERY_TENSOR,
     SEVERAL,
     TENSORS,
@@ -26,7 +28,7 @@ from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
 from echolearn.localization.separation import separate
 from echolearn.localization.silence import SilentMicrophone
-from reference import FIRST, LAST, RATE, loops, observed, wave, white
+from reference import FIRST, LAST, RATE, loops, observed, padded, shift, turn, wave, white
 
 PROBE = noise_probe(length=4000)
 GRID = azimuth_grid(24)
@@ -45,7 +47,7 @@ def estimated(*samples, localizer=GATED):
 
 def described(*samples, localizer=GATED):
     matched, echoes = estimated(*samples, localizer=localizer)
-    return features.describe([matched], echoes, names=(*COLUMNS, *EVERY_TENSOR))
+    return features.describe([matched], echoes, names=(*EVERY_COLUMN, *EVERY_TENSOR))
 
 
 class Case(NamedTuple):
@@ -68,8 +70,8 @@ def case(request):
 
 def test_every_column_and_tensor_is_there_and_no_other():
     columns = described(noisy(0.4, 0.1), noisy(-1.0, 3.0))
-    assert set(columns) == {*COLUMNS, *EVERY_TENSOR}
-    for name in COLUMNS:
+    assert set(columns) == {*EVERY_COLUMN, *EVERY_TENSOR}
+    for name in EVERY_COLUMN:
         assert columns[name].shape == (2,)
         assert columns[name].dtype == np.float64
     for name in EVERY_TENSOR:
@@ -164,6 +166,44 @@ def test_columns_of_the_steered_response_are_their_definitions(case):
     gated = equations.gated(loop, case.lag)
     ratio = 10 * np.log10(gated[nearest] / gated.mean())
     assert case.columns["gated_ratio"] == pytest.approx(ratio, abs=0.2)
+
+
+def test_columns_of_agreement_are_their_definitions(case):
+    """Microphone by microphone, pair by pair, direction by direction."""
+    loop, middle = loops(PROBE, case.samples, GRID), case.lag - FIRST
+    heard = [np.correlate(y, PROBE.samples, "valid") for y in case.samples]
+    ahead = [np.correlate(y, PROBE.samples, "valid") for y in loop.ahead(case.azimuth)]
+    close, wide, near = ([z[case.lag - k : case.lag + k + 1] for z in ahead] for k in (4, 8, 6))
+    here = [z[case.lag] for z in ahead]
+    larger = [np.mean(np.abs(heard[m][FIRST : LAST + 1]) > here[m]) for m in range(6)]
+    pairs = [np.dot(p, q) / np.sqrt(np.dot(p, p) * np.dot(q, q)) for p in close for q in close]
+    gated = equations.gated(loop, case.lag)
+    turned = np.abs(turn(GRID - case.azimuth))
+    response = np.stack([equations.steered(loop, angle) for angle in GRID])[:, FIRST : LAST + 1]
+    other = [response[:, k].max() for k in range(LAST - FIRST + 1) if abs(k - middle) >= 5]
+    expected = {
+        "level": 1.0,
+        "exceeded": np.mean(larger),
+        "agreement": (sum(pairs) - 6) / 30,
+        "coherence_wide": np.sum(sum(wide) ** 2) / (6 * sum(np.sum(z**2) for z in wide)),
+        "peak_offset": np.mean([abs(int(np.argmax(z)) - 6) for z in near]),
+        "peak_share": sum(here) / sum(max(z) for z in near),
+        "direction_second": max(gated[turned > 0.52]) / gated[turned.argmin()],
+        "joint_second": max(other) / sum(here),
+    }
+    found = {name: case.columns[name] for name in expected}
+    assert {*found} == {*AGREEMENT}
+    assert found == pytest.approx(expected, rel=0.03, abs=0.01)
+
+
+def test_an_echo_from_above_is_level_with_nothing():
+    """It lies on the array's axis, where a planar array hears the same everywhere."""
+    above = np.tile(0.1 * shift(padded(PROBE.samples, 4000), 180), (6, 1))
+    matched = MatchedFilter(observed(PROBE, above + white(PROBE, 1e-3)), SearchWindow(), 24)
+    echoes = GATED(matched.observation)
+    columns = features.describe([matched], echoes, names=AGREEMENT)
+    assert columns["level"] == [0.0] and columns["agreement"] == pytest.approx(1.0, abs=1e-2)
+    assert columns["peak_offset"] == [0.0] and columns["exceeded"] < 0.02
 
 
 def test_columns_of_the_beam_are_the_papers(case):

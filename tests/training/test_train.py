@@ -177,7 +177,7 @@ class TestRun:
         again = partial(train, runs=done.parents[1], classifier=never, command="echolearn train")
         found = again(LearningProblem(toy, seed=2), KEYS[method])
         assert found["command"] == COMMAND and (done / "metrics.json").read_bytes() == before
-        changes = [{"seed": 3}, {"target": "on_map"}, {"split": "row"}]
+        changes = [{"seed": 3}, {"target": "reflector"}, {"split": "row"}]
         for change in changes:
             with pytest.raises(AssertionError, match="redone"):
                 again(LearningProblem(toy, **{"seed": 2} | change), KEYS[method])

@@ -28,6 +28,18 @@ Where several echoes are sought, each also has
 | neighbour_lag   | samples | time to the nearest of the others |
 | neighbour_gain  | 1    | gain of that one over its own |
 
+Those of `AGREEMENT` (formulas in `agreement`) are only in sets whose plan asks for one of them
+(`further`):
+
+| level            | 1    | sine of the elevation: 1 in the array's plane, 0 on its axis |
+| exceeded         | 1    | share of lags at which a microphone has more than at the echo |
+| agreement        | 1    | mean correlation of pairs of microphones, aligned at the echo |
+| coherence_wide   | 1    | `coherence` over the lags of a smeared echo |
+| peak_offset      | samples | mean distance of the microphones' own peaks from the echo |
+| peak_share       | 1    | what they have at the echo over these peaks |
+| direction_second | 1    | power of the strongest other direction over that of the echo's |
+| joint_second     | 1    | largest J at another time over J(toa, doa) |
+
 Tensors are (COVARIANCE_BANDS, M*M) packed Hermitian matrices (`beamforming.pack_hermitian`),
 each band scaled to trace M: `covariance` of the whole recording, `covariance_gated` of the
 matched-filter outputs around the echo, `covariance_steered` the same after steering to the
@@ -71,13 +83,36 @@ UNITS = {
     "rank": "1",
     "neighbour_lag": "samples",
     "neighbour_gain": "1",
+    "level": "1",
+    "exceeded": "1",
+    "agreement": "1",
+    "coherence_wide": "1",
+    "peak_offset": "samples",
+    "peak_share": "1",
+    "direction_second": "1",
+    "joint_second": "1",
 }
 """Unit of each column."""
 
 SEVERAL = ("rank", "neighbour_lag", "neighbour_gain")
 """Those that only one of several echoes has."""
 
-COLUMNS = [name for name in UNITS if name not in SEVERAL]
+AGREEMENT = (
+    "level",
+    "exceeded",
+    "agreement",
+    "coherence_wide",
+    "peak_offset",
+    "peak_share",
+    "direction_second",
+    "joint_second",
+)
+"""Columns that a plan may ask for besides; they are computed together."""
+
+COLUMNS = [name for name in UNITS if name not in (*SEVERAL, *AGREEMENT)]
+"""Columns that every set has."""
+
+EVERY_COLUMN = (*COLUMNS, *AGREEMENT)
 TENSORS = ("covariance", "covariance_gated", "covariance_steered")
 """Tensors that every set has."""
 
@@ -89,7 +124,7 @@ EVERY_TENSOR = (*TENSORS, *FURTHER_TENSORS)
 TENSOR_VIEWS = dict.fromkeys(EVERY_TENSOR, "covariance") | {"correlation_map": "map"}
 """What kind of tensor each is, as a bundle says it."""
 
-FURTHER = FURTHER_TENSORS
+FURTHER = (*AGREEMENT, *FURTHER_TENSORS)
 """What a plan may ask for besides what every set has."""
 
 

@@ -150,3 +150,9 @@ def _autocorrelation(burst: bytes, size: int) -> Array:
     late = np.arange(PHASES + 1)[:, None] / PHASES * 2 * np.pi * np.fft.rfftfreq(length)
     table = fft.irfft(power * np.exp(-1j * late), length)
     return np.concatenate([table[:, -reach:], table[:, : reach + 1]], axis=-1)
+
+
+def ratio(numerator: Array, denominator: Array) -> Array:
+    """Return numerator / denominator, 0 where the denominator vanishes (a silent recording)."""
+    safe = np.where(denominator == 0, 1.0, denominator)
+    return np.where(denominator == 0, 0.0, numerator / safe)

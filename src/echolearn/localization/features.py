@@ -11,7 +11,9 @@ from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.signals import decibel
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.localization import beamforming
-from echolearn.localization.columns import COLUMNS, EVERY_TENSOR, TENSORS
+from echolearn.localization.agreement import agreement_columns
+from echolearn.localization.columns import AGREEMENT, COLUMNS, EVERY_TENSOR, TENSORS
+from echolearn.localization.correlations import ratio
 from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
 from echolearn.localization.segments import SEGMENT, align
 from echolearn.localization.tensors import band_average, echo_tensors
@@ -43,6 +45,8 @@ def describe(
         index = view.index(one.toa)
         toward = direction(one.azimuth, one.elevation)
         columns |= steered_columns(view, index, toward=toward) | tensor
+        if not {*AGREEMENT}.isdisjoint(names):
+            columns |= agreement_columns(view, index, toward=toward)
         if not {*EVERY_TENSOR}.isdisjoint(names):
             columns |= echo_tensors(view, index, toward=toward, names=names)
         if len(views) > 1:
@@ -157,9 +161,3 @@ def neighbour_columns(matched: MatchedFilter, echoes: Echoes, *, rank: int) -> d
             np.take_along_axis(echoes.gain[:, others], nearest, axis=-1)[:, 0], own
         ),
     }
-
-
-def ratio(numerator: Array, denominator: Array) -> Array:
-    """Return numerator / denominator, 0 where the denominator vanishes (a silent recording)."""
-    safe = np.where(denominator == 0, 1.0, denominator)
-    return np.where(denominator == 0, 0.0, numerator / safe)

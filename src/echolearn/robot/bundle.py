@@ -28,7 +28,7 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import BadValue, check
 from echolearn.localization import methods
-from echolearn.localization.columns import COLUMNS, SEVERAL, TENSOR_VIEWS, UNITS, tensor_shape
+from echolearn.localization.columns import EVERY_COLUMN, SEVERAL, TENSOR_VIEWS, UNITS, tensor_shape
 from echolearn.localization.localizer import Localizer, returned
 from echolearn.robot import untrusted_files, untrusted_models
 from echolearn.robot.schema import GOLDEN, LIMITS, upgraded
@@ -177,7 +177,7 @@ def _inputs(about: Mapping[str, Any], microphones: int) -> tuple[tuple[str, ...]
     view = about["view"]
     tensor = view != "features"
     known = [name for name, kind in TENSOR_VIEWS.items() if kind == view]
-    known = known if tensor else [*COLUMNS, *SEVERAL]
+    known = known if tensor else [*EVERY_COLUMN, *SEVERAL]
     names = [column["name"] for column in about["columns"]]
     wrong = [name for name in names if name not in known]
     check(not wrong, "columns", wrong, allowed=f"must be some of {', '.join(known)}", hint=NEWER)

@@ -35,7 +35,7 @@ class LearningProblem:
 
     Attributes:
         dataset: labelled observations.
-        target: label to learn, "reflector" (the paper's), "on_map" or "time_and_direction".
+        target: label to learn, "on_map", "time_and_direction" or "reflector" (the paper's).
         seed: seed of the division.
         split: unit that is never divided, "position", or the leaky "row".
         test_share: share of all positions that is for testing.
@@ -43,7 +43,7 @@ class LearningProblem:
     """
 
     dataset: Dataset
-    target: str = "reflector"
+    target: str = "on_map"
     seed: int = 0
     split: str = "position"
     test_share: float = 0.2
