@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from echolearn.checks import BadValue
-from echolearn.classifiers.calibration import best_threshold
+from echolearn.classifiers.operating_point import best_threshold
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics
 from echolearn.evaluation.rows import Recordings
