@@ -140,9 +140,10 @@ def _export(config: "Config") -> Path:
     return export(
         run=_path(config["run"]),
         best=_path(config["best"]),
+        card=_path(config["card"]),
         runs=Path(config["runs"]),
         **_built(config["scene"], "array probe", prefix="scene."),
-        **_built(config, "name aim resamples command"),
+        **_built(config, "name aim resamples evidence command"),
     )
 
 

@@ -20,7 +20,7 @@ from echolearn.checks import suggest
 from echolearn.cli.config import Config, UsageError, folder
 from echolearn.storage.advice import assignment, shell, text_of
 
-TEXTS = frozenset("name runs survey bundle run best readme page scaling folder".split())
+TEXTS = frozenset("name runs survey bundle run best readme page scaling folder card".split())
 """Keys of names and paths, which take text even where their default is null."""
 
 

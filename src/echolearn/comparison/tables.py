@@ -111,6 +111,7 @@ def gather(comparison: Comparison) -> dict[str, Any]:
         "worst": worst_test_set(here),
         "away": away(comparison),
         "own": own_table(rows),
+        "sizes": sizes(comparison),
         "repeated": comparison.repeated,
         "calibration": calibration_table(here, tested_on=away(comparison), localizer=localizer),
         "directions": by_room(unfiltered(rows)),
@@ -233,3 +234,11 @@ def protocol(comparison: Comparison) -> list[dict[str, Any]]:
             line["folds"] = mean(each["balanced_accuracy"]["mean"] for each in crossed)
         lines.append(line)
     return lines
+
+
+def sizes(comparison: Comparison) -> dict[tuple[str, str], int]:
+    """Return how many rows each model was trained on, by training and classifier."""
+    return {
+        (model.training, model.classifier): runs[0].metrics["rows"]["train"]
+        for model, runs in comparison.models.items()
+    }

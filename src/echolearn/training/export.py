@@ -6,7 +6,7 @@ What the files hold is in `bundle_contents`. A bundle is finished only once it h
 robot does.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,10 @@ from echolearn.dataset.labelled_set import Dataset
 from echolearn.robot import bundle, schema, scorer
 from echolearn.storage import manifests
 from echolearn.storage.advice import assignment, command_line, repair_hint
-from echolearn.storage.files import clean, write_atomic
+from echolearn.storage.files import clean, load_json, write_atomic
 from echolearn.storage.once import locked
 from echolearn.training.bundle_contents import bundle_description, bundle_files, map_figures
+from echolearn.training.card import card as card_of
 from echolearn.training.predictions import validation_rows
 from echolearn.training.runs import Run, read_run
 
@@ -38,6 +39,8 @@ def export(
     name: str | None = None,
     aim: str | None = None,
     resamples: int = 1000,
+    card: Path | None = None,
+    evidence: Sequence[str] = (),
     command: str | None = None,
 ) -> Path:
     """Write the bundle of a run, and prove that it loads; a finished one is only proved.
@@ -52,6 +55,8 @@ def export(
         aim: what the cut shall do on the run's validation rows, see `operating_point`; None leaves
             the run's own.
         resamples: bootstrap draws behind the intervals of its metrics.
+        card: Markdown page that is written about the bundle; None writes none.
+        evidence: folders of comparisons whose figures the page shows.
         command: what makes the bundle again; None says nothing about it.
 
     Returns:
@@ -83,6 +88,12 @@ def export(
         check_free(folder, source)
         if not _holds(folder, about, files):
             _write(folder, about, files)
+    if card is not None:
+        plan = dataset.manifest["plan"]
+        page = card_of(
+            load_json(folder / manifests.BUNDLE), plan, [Path(name) for name in evidence]
+        )
+        write_atomic(Path(card), page.encode())
     return folder
 
 
