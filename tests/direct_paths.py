@@ -6,8 +6,10 @@ the metre of path after it as if the loudspeaker were carried in the middle of t
 are written as a survey that holds the direct path, examined, mended and read as `map` does, with
 each way to remove the direct path; `exact` is what only who made them knows. Then `gated`
 localizes. Printed are the share of times within 10 samples of a wall's echo, and the share of
-echoes whose azimuth is right within 10 degrees besides, in %. A page gets the table between its
-markers.
+echoes whose azimuth is right within 10 degrees besides, in %. Then `fir` is held against those that
+need no calibration either, recording by recording: how many only the one has right, how many only
+the other, and McNemar's exact test of that, by Holm for all tests together. A page gets both
+tables between its markers.
 """
 
 import sys
@@ -19,11 +21,13 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import signal
+from scipy.stats import binomtest
 
 from echolearn.acoustics.geometry import SearchWindow, circular_array, microphone_positions, wrap
 from echolearn.acoustics.rooms import outline, true_echoes
 from echolearn.acoustics.signals import convolve, noise_probe, power
 from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Room, Truth
+from echolearn.evaluation.stats import holm
 from echolearn.localization.methods.gated import Gated
 from echolearn.simulation.rir.images import Images
 from echolearn.storage.marked_page import Markers, write_between
@@ -43,6 +47,12 @@ ARRAY = circular_array()
 PROBE = noise_probe(length=8000)
 LOCALIZER = Gated()
 WAYS = ("exact", "analytic", "fitted", "fir", "all lags", "joint", "fir, as played")
+RIVALS = ("analytic", "fitted")
+"""Ways that ask for no calibration either, one of which would be the default."""
+
+SURE = 0.05
+"""Level of the tests, all of them together."""
+
 MARKERS = Markers(
     "<!-- direct paths: written by `python tests/direct_paths.py` -->",
     "<!-- end of direct paths -->",
@@ -50,6 +60,8 @@ MARKERS = Markers(
 )
 
 Change = Callable[[Array], Array]
+Hits = dict[str, list[Array]]
+"""By each way, and at each SNR, what is right of P recordings: times, azimuths too, (2, P)."""
 
 
 class Case(NamedTuple):
@@ -147,12 +159,14 @@ def case(changes: tuple[Change, ...], poses: list[Pose]) -> Case:
     return Case(ARRAY, received, direct, truths, poses)
 
 
-def measured() -> Case:
-    """Return what a robot would record where responses were measured, as loud as 0.2 m away."""
+def measured(count: int) -> Case:
+    """Return at least so many recordings of a robot where responses were measured, as loud as
+    0.2 m away; every response serves as often as is needed, each time in other noise."""
     source = R3vival(("000",)).read(None)
     heard = []
     alone = []
     made = protocols.takes(source, "pose")
+    made *= -(-count // len(made))
     for take in made:
         response = take.response
         rng = np.random.default_rng(0)
@@ -236,10 +250,10 @@ def right(observation: Observation, truths: list[Truth]) -> Array:
     return np.array(found).T
 
 
-def shares(each: Case, folder: Path, *, seed: int = 0) -> dict[str, list[Array]]:
-    """Return by each way the shares (2,) at each SNR."""
+def hits(each: Case, folder: Path, *, seed: int = 0) -> Hits:
+    """Return what is right of each recording, by each way and at each SNR."""
     rng = np.random.default_rng(seed)
-    table: dict[str, list[Array]] = {way: [] for way in WAYS}
+    table: Hits = {way: [] for way in WAYS}
     for snr_db in SNRS_DB:
         level = np.sqrt(power(each.received) * 10 ** (-snr_db / 10))[..., None]
         noisy = each.received + level * rng.standard_normal(each.received.shape)
@@ -252,7 +266,7 @@ def shares(each: Case, folder: Path, *, seed: int = 0) -> dict[str, list[Array]]
                 observation = quiet.observe(range(len(exact.poses)))
             else:
                 observation = without_direct(survey, way)
-            table[way].append(right(observation, each.truths).mean(axis=1))
+            table[way].append(right(observation, each.truths))
     return table
 
 
@@ -266,30 +280,80 @@ def write_without(folder: Path, samples: Array, survey: Survey) -> Survey:
 
 
 def report(count: int, seed: int = 0) -> str:
-    """Return the table of so many poses as Markdown."""
+    """Return the tables of so many poses as Markdown."""
+    poses = places(count, np.random.default_rng(seed))
+    found: dict[str, Hits] = {}
+    for name, changes in {**CASES, "measured": None}.items():
+        heard = measured(count) if changes is None else case(changes, poses)
+        with TemporaryDirectory() as scratch:
+            found[name] = hits(heard, Path(scratch), seed=seed)
+        print(name, "is done", file=sys.stderr, flush=True)
+    return f"{shares_table(found)}\n\n{duels_table(found)}"
+
+
+def shares_table(found: dict[str, Hits]) -> str:
+    """Return the shares that are right as Markdown."""
     head = ["recordings", "removed by", *(f"{snr_db} dB" for snr_db in SNRS_DB)]
     lines = [f"| {' | '.join(head)} |", "|---|---|" + "---|" * len(SNRS_DB)]
-    poses = places(count, np.random.default_rng(seed))
-    for name, changes in {**CASES, "measured": None}.items():
-        heard = measured() if changes is None else case(changes, poses)
-        with TemporaryDirectory() as scratch:
-            table = shares(heard, Path(scratch), seed=seed)
-        for way, cells in table.items():
-            texts = [f"{100 * times:.0f} / {100 * both:.0f}" for times, both in cells]
+    for name, table in found.items():
+        for way, levels in table.items():
+            shares = [100 * right_ones.mean(axis=1) for right_ones in levels]
+            texts = [f"{times:.0f} / {both:.0f}" for times, both in shares]
             lines.append(f"| {name} | {way} | {' | '.join(texts)} |")
     return "\n".join(lines)
 
 
+def duels_table(found: dict[str, Hits]) -> str:
+    """Return who alone is right, `fir` or another, as Markdown, and what the tests say."""
+    cells = []
+    for name, table in found.items():
+        for rival in RIVALS:
+            for pair in zip(table["fir"], table[rival], strict=True):
+                ours, theirs = pair
+                won = (ours & ~theirs).sum(axis=1)
+                lost = (theirs & ~ours).sum(axis=1)
+                cells.append((name, rival, won, lost))
+    counts = [(w, n - w) for *_, won, lost in cells for w, n in zip(won, won + lost, strict=True)]
+    corrected = holm(np.array([mcnemar(*pair) for pair in counts]))
+    head = ["recordings", "fir against", *(f"{snr_db} dB" for snr_db in SNRS_DB)]
+    lines = [f"| {' | '.join(head)} |", "|---|---|" + "---|" * len(SNRS_DB)]
+    for start in range(0, len(cells), len(SNRS_DB)):
+        row = cells[start : start + len(SNRS_DB)]
+        texts = []
+        for place, (_, _, won, lost) in enumerate(row, start):
+            p = corrected[2 * place : 2 * place + 2]
+            texts.append(" / ".join(duel(w, n, q) for w, n, q in zip(won, lost, p, strict=True)))
+        lines.append(f"| {row[0][0]} | {row[0][1]} | {' | '.join(texts)} |")
+    sure = corrected < SURE
+    ahead = np.array([won > lost for won, lost in counts])
+    alone = np.array([mcnemar(*pair) for pair in counts]) < SURE
+    lines.append("")
+    lines.append(
+        f"Of {len(counts)} tests `fir` is better in {np.sum(sure & ahead)} and worse in "
+        f"{np.sum(sure & ~ahead)} (p < {SURE:g} after Holm's correction, in bold); each for "
+        f"itself, better in {np.sum(alone & ahead)} and worse in {np.sum(alone & ~ahead)}."
+    )
+    return "\n".join(lines)
+
+
+def duel(won: int, lost: int, p: float) -> str:
+    """Return how often one of two alone is right, in bold where that is no chance."""
+    text = f"+{won} -{lost}"
+    return f"**{text}**" if p < SURE else text
+
+
+def mcnemar(won: int, lost: int) -> float:
+    """Return the probability that a fair coin divides so, or less evenly (McNemar 1947, exact)."""
+    return float(binomtest(int(won), int(won + lost)).pvalue) if won + lost else 1.0
+
+
 def main(count: int = 100, page: str | None = None) -> None:
-    """Print the table, or put it into a page."""
-    table = report(count)
-    print(table)
+    """Print the tables, or put them into a page."""
+    tables = report(count)
+    print(tables)
     if page:
-        write_between(
-            Path(page),
-            f"\n{table}\n\n{count} poses; of measured responses all 90.\n",
-            markers=MARKERS,
-        )
+        said = f"{count} recordings of each kind, of measured responses at least as many."
+        write_between(Path(page), f"\n{tables}\n\n{said}\n", markers=MARKERS)
 
 
 if __name__ == "__main__":

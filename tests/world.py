@@ -112,6 +112,7 @@ def write_set(plan: Plan, runs: Path) -> Dataset:
     manifests.write_shard(folder, 0, records(plan, range(len(plan))))
     rows = len(plan) * plan.localizer.echoes
     about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
+    about["microphones"] = plan.scene.array.positions.tolist()
     manifests.finish(folder, about, [manifests.shard_name(0)])
     return Dataset(folder)
 

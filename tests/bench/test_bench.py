@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 from echolearn.acoustics.geometry import circular_array, microphone_positions
+from echolearn.acoustics.rooms import inside
 from echolearn.bench.localizers import PAPER, as_printed, at_work, literal, on_grids
 from echolearn.bench.measurement import COLUMNS, Measurement, observations
 from echolearn.bench.outlook import outlook
 from echolearn.bench.page import digits, page, seconds
-from echolearn.bench.responses import HALL, PLACE, habets, peers
+from echolearn.bench.responses import HALL, OUTLINES, PLACE, habets, peers
 from echolearn.bench.run import PAGE, REPETITIONS, SCALING, STAGES, StagesFailed, bench
 from echolearn.bench.sets import steady_rates
 from echolearn.checks import BadValue
@@ -127,6 +128,14 @@ def test_summaries_are_those_of_the_repetitions_and_ratios_those_of_neighbours(m
 def test_what_is_fast_is_far_ahead_of_its_peer(rows, stage, variant):
     [row] = pick(rows, stage=stage, variant=variant, measure="cpu")
     assert float(row["ratio"]) > 10
+
+
+def test_rooms_of_other_outlines_are_timed_beside_a_box_as_large(rows):
+    for variant, room in OUTLINES.items():
+        assert room.volume == pytest.approx(480.0, rel=0.01) and room.t60 == 0.6
+        assert inside(room, PLACE.position[None]).all()
+        [row] = pick(rows, stage="rir", variant=variant, measure="cpu")
+        assert (row["reference"] == "") == (variant == "images, a box")
 
 
 def test_every_run_is_timed_one_row_at_a_time_and_many(rows, world):

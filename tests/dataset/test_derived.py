@@ -67,7 +67,10 @@ def looked_at(dataset, row, plan):
         here = np.array([dataset["azimuth"][row], dataset["elevation"][row]])
         turned = abs(np.angle(np.exp(1j * (there[0] - here[0]))))
         upright = np.sin(there[1]) < np.sin(np.deg2rad(10))
-        if (angle(there, here) if upright else turned) <= np.deg2rad(10):
+        # A level ring hears no difference between above and below.
+        mirrored = np.array([there[0], np.pi - there[1]])
+        beside = min(angle(there, here), angle(mirrored, here))
+        if (beside if upright else turned) <= np.deg2rad(10):
             return True
     return False
 

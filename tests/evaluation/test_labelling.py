@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echolearn.acoustics.types import Echoes, Truth
+from echolearn.acoustics.geometry import circular_array
+from echolearn.acoustics.types import Echoes, MicArray, Truth
 from echolearn.evaluation.labelling import echo_scores, label_echoes
 from echolearn.evaluation.matching import agree
 from echolearn.evaluation.metrics import recall_at
@@ -55,6 +56,38 @@ def test_near_the_axis_the_angle_between_directions_counts():
     # Anywhere else elevation, which many arrays hardly know, does not.
     aside = truth((100, 0, 60))
     assert agree(aside, np.deg2rad([9.0]), np.deg2rad([90.0])).tolist() == [[True]]
+
+
+LINE = MicArray(np.array([[0.0, 0.1, 0.0], [0.0, 0.0, 0.0], [0.0, -0.2, 0.0]]))
+"""Across the heading."""
+
+UPRIGHT = MicArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0], [0.0, 0.0, 0.1]]))
+"""A plane across the heading, which hears no difference between front and back."""
+
+SPACE = MicArray(np.array([[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [-0.1, 0.0, 0.0], [0.0, 0.0, 0.1]]))
+
+
+@pytest.mark.parametrize(
+    ("array", "true", "estimated", "same"),
+    [
+        (circular_array(), (0, 178), (90, 3), True),  # floor, told as the ceiling
+        (circular_array(), (10, 90), (170, 90), False),
+        (SPACE, (0, 178), (90, 3), False),
+        (SPACE, (30, 90), (38, 90), True),
+        (LINE, (30, 90), (150, 90), True),  # the other side of the line
+        (LINE, (30, 90), (-150, 90), False),  # the other end of it
+        (LINE, (0, 90), (0, 3), True),  # straight above, across the line, too
+        (LINE, (30, 90), (165, 90), False),
+        (UPRIGHT, (20, 90), (160, 90), True),
+        (UPRIGHT, (20, 90), (-160, 90), False),
+        (None, (20, 90), (160, 90), False),
+    ],
+)
+def test_directions_that_an_array_cannot_tell_apart_count_as_one(array, true, estimated, same):
+    """By azimuth and elevation in degrees."""
+    there = truth((100, *true))
+    azimuth, elevation = np.deg2rad([[estimated[0]], [estimated[1]]])
+    assert agree(there, azimuth, elevation, array=array).tolist() == [[same]]
 
 
 def test_what_is_not_known_has_no_label():

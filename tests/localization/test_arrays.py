@@ -154,8 +154,18 @@ def test_under_a_low_ceiling_the_strongest_echo_of_a_wall_is_sought(name):
     # The second needs no more than it.
     for field, values in vars(plain(batch)).items():
         assert np.array_equal(getattr(found, field)[1], values[1])
+    # Two are stronger than the first wall, of which the nearer comes before it.
+    several, described = localize(batch, localizer(name, echoes=5))
+    number = int(np.abs(several.toa[0] - found.toa[0]).argmin())
     _, columns = localize(batch, auto)
-    assert columns["toa"].shape == (2,) and "rank" not in columns
+    assert columns["toa"].shape == (2,) and columns["rank"].tolist() == [number, 0.0]
+    others = np.delete(several.toa[0], number)
+    nearest = np.abs(others - several.toa[0, number]).argmin()
+    apart = np.abs(others - several.toa[0, number]).min() * RATE
+    assert columns["neighbour_lag"][0] == pytest.approx(apart)
+    loudest = np.delete(several.gain[0], number)[nearest]
+    assert columns["neighbour_gain"][0] == pytest.approx(loudest / several.gain[0, number])
+    assert number >= 2 and columns["neighbour_gain"][1] == 0.0
 
 
 @pytest.mark.parametrize("name", sorted({*NAMES} - {"gated", "joint", "em", "mclam"}))
@@ -181,9 +191,16 @@ def test_elevations_are_found_as_far_as_the_array_tells_them(scene):
         assert missed(echoes, array, normals, 1.4).max() < 5.0
         below = (echoes.elevation > LEVEL).any()
         assert below == arrays.tells_up(array)
-    found = localizer("snls", elevations=18)(recorded(array, normals, 1.4))
-    assert np.median(missed(found, array, normals, 1.4)) < 8.0
-    assert (found.elevation > LEVEL + 1e-9).any() == arrays.tells_up(array)
+    for name in ("snls", "mclam"):
+        found = localizer(name, elevations=18)(recorded(array, normals, 1.4))
+        assert np.median(missed(found, array, normals, 1.4)) < 8.0
+        assert (found.elevation > LEVEL + 1e-9).any() == arrays.tells_up(array)
+
+
+@pytest.mark.parametrize("name", ["gated", "peaks"])
+def test_who_seeks_no_elevations_says_who_does(name):
+    with refused("localizer.elevations=6: must be 1; joint, em, snls and mclam seek directions"):
+        localizer(name, elevations=6)
 
 
 def test_too_fine_a_grid_of_elevations_is_refused():

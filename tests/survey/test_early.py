@@ -128,7 +128,7 @@ def test_a_loudspeaker_that_rings_leaves_the_echoes_of_a_room_where_they_are(tmp
 
 def test_measured_responses_are_as_a_robot_would_record_them():
     """The direct sound of a pulse from the array's middle, within a sample of the way."""
-    recorded = direct_paths.measured()
+    recorded = direct_paths.measured(90)
     assert recorded.received.shape == (90, 6, direct_paths.PROBE.length)
     way = 0.048 * direct_paths.RATE / 343.0
     r = matched_filter(recorded.received[::9], direct_paths.PROBE, first=0, last=300)

@@ -1,6 +1,7 @@
 """Published measurements as surveys: true times are where the sound is, and a broken copy is
 refused in one line."""
 
+import re
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
+from by_hand import edit
 from echolearn.acoustics.signals import matched_filter, noise_probe
 from echolearn.acoustics.types import MicArray, Pose, Truth
 from echolearn.checks import BadValue
@@ -130,6 +132,22 @@ def test_without_a_protocol_the_response_is_as_it_was_and_its_direct_path_can_be
     )
     assert before > 0.7 and after < 0.1
     assert len(survey.truth[0].toa) == 2
+
+
+@pytest.mark.parametrize(("samples", "mapped"), [(0.7, False), (0.7, True), (1.4, False)])
+def test_a_microphone_off_by_less_than_a_sample_is_told_where_there_is_no_map(
+    tmp_path, samples, mapped
+):
+    """Its place in the table is wrong by so much, towards the loudspeaker."""
+    folder = imported_points(tmp_path, protocol="none", snr_db=None)
+    wrong = SQUARE.copy()
+    wrong[2] += samples * SPEED / RATE * np.array([0.6, -0.8, 0.0])
+    edit(folder, microphones=wrong.tolist(), map=mapped)
+    health = examine(read_survey(folder))
+    [line] = [each for each in (*health.noticed, *health.refused) if "microphone 3" in each]
+    assert re.search(r"microphone 3=-?\d\.\d samples .* off in recording 0: must be within", line)
+    told = samples < 1 and not mapped
+    assert (line in health.noticed) == told == line.endswith("for times and directions alone")
 
 
 @given(lag=st.floats(-40.0, 40.0))

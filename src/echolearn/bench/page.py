@@ -20,7 +20,12 @@ TITLES = {
 }
 """What a unit of each compared stage is."""
 
-CONDITIONS = {"t60": ", T60 {} s", "batch": " of {} at a time", "rows": ", {} rows"}
+CONDITIONS = {
+    "t60": ", T60 {} s",
+    "outline": " in a room of 80 m^2, T60 {} s",
+    "batch": " of {} at a time",
+    "rows": ", {} rows",
+}
 """Under which condition something was compared, by parameter."""
 
 GROWING = {"t60": "with T60 in s", "microphones": "with microphones", "azimuths": "with azimuths"}

@@ -4,7 +4,7 @@ All three sum every image within T60: pyroomacoustics up to the order that holds
 (`Pyroom.complete`), the generator of Habets (the one that the paper used) with order -1, its
 high-pass off. The latter's time is proportional to the number of microphones, so it computes one
 response, and is charged for as many as the others. Where there is CUDA, `TorchImages` is timed,
-too.
+too. Rooms of other outlines, with as much floor and height, are timed beside a box.
 """
 
 import math
@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from echolearn.acoustics.geometry import microphone_positions
-from echolearn.acoustics.polygon_room import AnyRoom
+from echolearn.acoustics.polygon_room import AnyRoom, PolygonRoom
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.bench.measurement import Measurement, Setting
 from echolearn.runtime.progress import track
@@ -29,6 +29,17 @@ from echolearn.simulation.scene import Responder, Scene
 
 HALL = Room((10.0, 8.0, 6.0), 0.6)
 """The paper's training room."""
+
+OUTLINES: dict[str, AnyRoom] = {
+    "images, a box": HALL,
+    "images, an L": PolygonRoom(
+        ((0.0, 0.0), (11.0, 0.0), (11.0, 5.0), (5.0, 5.0), (5.0, 10.0), (0.0, 10.0)), 6.0, 0.6
+    ),
+    "images, five corners": PolygonRoom(
+        ((0.0, 0.0), (9.49, 0.79), (11.07, 6.32), (4.74, 9.49), (-0.79, 5.53)), 6.0, 0.6
+    ),
+}
+"""Rooms with 80 m^2 of floor, 6 m high."""
 
 PLACE = Pose(np.array([3.1, 4.2, 2.9]), 0.4)
 
@@ -48,6 +59,10 @@ def time_responses(setting: Setting) -> Iterator[Measurement]:
         ball = 4 / 3 * math.pi * (t60 * scene.speed_of_sound) ** 3
         count = ball / math.prod(room.size)
         yield Measurement("rir", "images", "t60", t60, "images", "1", [count])
+    others = {
+        name: Contestant(responding(Images(), room, scene=scene)) for name, room in OUTLINES.items()
+    }
+    yield from setting.compare("rir", others, parameter="outline", value=HALL.t60)
     rings = {
         count: Contestant(responding(Images(), HALL, scene=ring))
         for count, ring in setting.rings.items()

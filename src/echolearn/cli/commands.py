@@ -81,7 +81,7 @@ def _compare(config: "Config") -> None:
     compare(
         runs=Path(config["runs"]),
         readme=_path(config["readme"]),
-        **_built(config, "name tested surveys localizers workers resamples command"),
+        **_built(config, "name tested surveys bundles localizers workers resamples command"),
     )
 
 

@@ -9,7 +9,7 @@ from statistics import mean
 
 from echolearn.classifiers.inputs import view_of
 from echolearn.dataset.labelled_set import Dataset
-from echolearn.evaluation.rows import UNFIT, LocalizedSurvey, MeasuredRows, Model, Row, pick
+from echolearn.evaluation.rows import BUNDLE, UNFIT, LocalizedSurvey, MeasuredRows, Model, Row, pick
 from echolearn.training.runs import Run
 
 ALSO_DRAWN = ("svm_pair", "covnet")
@@ -21,7 +21,7 @@ class Comparison:
     """Everything a report is made of.
 
     Attributes:
-        models: finished runs of each model, one for each seed.
+        models: finished runs of each model, one for each seed; bundles among them.
         roles: what each training set was made for, by its plan's name.
         sets: labelled test sets by name.
         surveys: localized surveys, by the names of survey and localizer.
@@ -48,7 +48,7 @@ def headline(comparison: Comparison) -> str:
     """
     # What was made for another robot leaves no map of these surveys.
     unfit = pick(comparison.rows, kind="survey", metric=UNFIT)
-    others = {row["training"] for row in unfit}
+    others = {row["training"] for row in unfit if row["role"] != BUNDLE}
 
     def order(model: Model) -> tuple[bool, bool, bool, str]:
         """Return what trainings are ranked by: whether they fit, are tested, made for training."""
@@ -56,13 +56,19 @@ def headline(comparison: Comparison) -> str:
         made_for_it = comparison.roles.get(name) == "training"
         return name in others, name not in comparison.sets, not made_for_it, name
 
-    return min(comparison.models, key=order).training
+    return min(trained(comparison), key=order).training
+
+
+def trained(comparison: Comparison) -> Mapping[Model, Sequence[Run]]:
+    """Return the finished runs alone, of which validation rows are known; no bundles."""
+    every = comparison.models.items()
+    return {model: runs for model, runs in every if model.role != BUNDLE}
 
 
 def ranked(comparison: Comparison, training: str) -> list[Model]:
     """Return the models of a training, best balanced accuracy on validation rows first."""
     shares = {}
-    for model, runs in comparison.models.items():
+    for model, runs in trained(comparison).items():
         if model.training == training:
             shares[model] = mean(map(_validated, runs))
     return sorted(shares, key=lambda model: (-shares[model], model.classifier))

@@ -21,7 +21,7 @@ from echolearn.comparison.finding import find_set, find_survey, survey_digest
 from echolearn.comparison.fitting import robot_in
 from echolearn.comparison.recorded import is_examined
 from echolearn.dataset.labelled_set import FORMAT, Dataset
-from echolearn.evaluation.rows import to_csv
+from echolearn.evaluation.rows import BUNDLE, to_csv
 from echolearn.localization.localizer import Localizer
 from echolearn.storage.advice import command_line
 from echolearn.storage.files import clean, write_atomic
@@ -55,6 +55,7 @@ def compare(
     surveys: Sequence[str],
     localizers: Mapping[str, Localizer],
     runs: Path,
+    bundles: Sequence[str] = (),
     resamples: int = 1000,
     workers: int = 1,
     readme: Path | None = None,
@@ -68,19 +69,21 @@ def compare(
         surveys: names of surveys.
         localizers: localizers by name; each survey is localized by each of them.
         runs: folder of everything generated.
+        bundles: names or folders of bundles, which are compared beside the runs.
         resamples: bootstrap draws behind every interval.
         workers: processes; the result does not depend on their number.
         readme: a file whose results table, between markers, is replaced; None leaves it.
         command: what makes the comparison again, for its manifest; None says nothing about it.
 
     Raises:
-        BadValue: a set or survey that is missing or damaged, no trained runs, or several that
-            differ in their settings but not in their name, a README without the markers.
+        BadValue: a set, survey or bundle that is missing or damaged, no trained runs, or several
+            that differ in their settings but not in their name, a README without the markers.
     """
-    _check(name, tested=tested, surveys=surveys, resamples=resamples, workers=workers)
+    lists = {"tested": tested, "surveys": surveys, "bundles": bundles}
+    _check(name, lists, resamples=resamples, workers=workers)
     if readme is not None:
         around(readme, report.RESULTS)
-    inputs = load_inputs(Path(runs), tested=tested, surveys=surveys, localizers=localizers)
+    inputs = load_inputs(Path(runs), **lists, localizers=localizers)
     known = identity(inputs) | {"resamples": resamples, "report": report.FORMAT}
     folder = Path(runs) / "compare" / name
 
@@ -96,11 +99,9 @@ def compare(
     return folder
 
 
-def _check(
-    name: str, *, tested: Sequence[str], surveys: Sequence[str], resamples: int, workers: int
-) -> None:
+def _check(name: str, lists: Mapping[str, Sequence[str]], *, resamples: int, workers: int) -> None:
     check_name("name", name)
-    for key, names in {"tested": tested, "surveys": surveys}.items():
+    for key, names in lists.items():
         check_list(key, names)
         known = [str(each) for each in names]
         check(
@@ -109,7 +110,8 @@ def _check(
             ", ".join(known),
             allowed="must hold each name only once",
         )
-    check(len(tested) > 0, "tested", "[]", allowed="must name at least one labelled set")
+    some = len(lists["tested"]) > 0
+    check(some, "tested", "[]", allowed="must name at least one labelled set")
     check_whole("resamples", resamples, low=20, high=100_000)
     check_whole("workers", workers, low=1, high=1024)
 
@@ -120,23 +122,27 @@ def load_inputs(
     tested: Sequence[str],
     surveys: Sequence[str],
     localizers: Mapping[str, Localizer],
+    bundles: Sequence[str] = (),
 ) -> Inputs:
-    """Return all finished runs, by model, and what is asked for.
+    """Return all finished runs and the bundles, by model, and what is asked for.
 
     Args:
         runs: folder of everything generated.
         tested: names of labelled sets.
         surveys: names of surveys.
+        bundles: names or folders of bundles.
         localizers: localizers by name.
 
     Raises:
         BadValue: something is missing or damaged.
     """
     # What opens models takes a while to load, and who only looks at results needs none.
+    from echolearn.comparison import bundled
     from echolearn.robot.examination import examine_run
 
     models = defaultdict(list)
-    for run in load_runs(runs):
+    finished = load_runs(runs)
+    for run in finished:
         # Before any work, and once for all processes.
         examine_run(run.folder, run.metrics["sha256"])
         models[run.model].append(run)
@@ -144,23 +150,30 @@ def load_inputs(
     check(len(models) > 0, "runs", runs, allowed="must be a folder with trained runs", hint=hint)
     enough = len(localizers) > 0 or not surveys
     check(enough, "localizers", "{}", allowed="must hold at least one, to localize the surveys")
-    # A training set's role is wanted also where the set itself is not among those tested; sets of
-    # another version, which have none, may stand beside them.
-    there = [load_manifest(path.parent) for path in runs.glob(f"data/*/{MANIFEST}")]
-    known = [each for each in there if _tells_plan(each)]
+    known = _known_sets(runs)
     plans = [each["plan"] for each in known]
+    robots = {
+        digest(each["files"]): robot_in(each["plan"]["scene"])
+        for each in known
+        if each.get("format") == FORMAT
+    }
+    found = bundled.opened(bundles, runs, finished=finished)
     return Inputs(
-        models,
+        models | {run.model: [run] for run, _ in found},
         {plan["name"]: plan["role"] for plan in plans if "role" in plan},
         {key: Dataset(find_set(runs, key)) for key in tested},
         {key: find_survey(runs, key) for key in surveys},
         localizers,
-        {
-            digest(each["files"]): robot_in(each["plan"]["scene"])
-            for each in known
-            if each.get("format") == FORMAT
-        },
+        {run.data_digest: robot for run, robot in found} | robots,
     )
+
+
+def _known_sets(runs: Path) -> list[dict[str, Any]]:
+    """Return the manifests of all sets that tell their plan."""
+    # A training set's role is wanted also where the set itself is not among those tested; sets of
+    # another version, which have none, may stand beside them.
+    there = [load_manifest(path.parent) for path in runs.glob(f"data/*/{MANIFEST}")]
+    return [each for each in there if _tells_plan(each)]
 
 
 def _tells_plan(manifest: Mapping[str, Any]) -> bool:
@@ -172,10 +185,18 @@ def _tells_plan(manifest: Mapping[str, Any]) -> bool:
 
 def identity(inputs: Inputs) -> dict[str, Any]:
     """Return what tells inputs from all others, as plain containers; every survey is proved."""
-    runs = [run for each in inputs.models.values() for run in each]
-    # Recorded walks are examined first; comparisons of before took them as they are.
+    every = [run for each in inputs.models.values() for run in each]
+    bundles = {
+        run.metrics["name"]: run.metrics["model"]["sha256"]
+        for run in every
+        if run.model.role == BUNDLE
+    }
+    runs = [run for run in every if run.model.role != BUNDLE]
+    # Recorded walks are examined first; comparisons of before took them as they are, and had no
+    # bundles.
     examined = any(map(is_examined, inputs.surveys.values()))
-    return ({"examined": True} if examined else {}) | {
+    later = ({"bundles": bundles} if bundles else {}) | ({"examined": True} if examined else {})
+    return later | {
         "runs": {run.identity: run.metrics["model"]["sha256"] for run in runs},
         "sets": {key: dataset.digest for key, dataset in inputs.sets.items()},
         "surveys": {key: survey_digest(place) for key, place in inputs.surveys.items()},

@@ -26,7 +26,6 @@ from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import pairs, scoring
 from echolearn.evaluation.calibration_rows import PAPER, score_calibration
 from echolearn.evaluation.rows import (
-    MISSING_COLUMNS,
     OTHER_LOCALIZER,
     UNFIT,
     LabelledRows,
@@ -193,13 +192,7 @@ def fitting_set(
         robots: robots of training sets, by the sets' digests.
     """
     robot = robot_in(dataset.manifest["plan"]["scene"])
-    fit, unfit = split_fitting(models, robots, robot)
-    lacking = {
-        model: MISSING_COLUMNS
-        for model, given in fit.items()
-        if not all(dataset.holds(run.inputs) for run in given)
-    }
-    return {key: runs for key, runs in fit.items() if key not in lacking}, unfit | lacking
+    return split_fitting(models, robots, robot, holds=dataset.holds, data=dataset.digest)
 
 
 def evaluate_conditions(inputs: Inputs, *, resamples: int) -> list[Row]:
@@ -238,9 +231,10 @@ def evaluate_survey(
         resamples: bootstrap draws.
         healths: what recordings say about themselves, of surveys that were examined.
     """
-    models, unfit = split_fitting(models, robots, robot_at(folder))
     about: Any = {"further": looked_at(models), "health": healths.get(folder)}
     survey = localize_survey(folder, localizers[name], name=name, resamples=resamples, **about)
+    holds = survey.columns.keys().__ge__
+    models, unfit = split_fitting(models, robots, robot_at(folder), holds=holds)
     references = scoring.trivial_predictions(survey.labelled.reference)
     predictions = predicted(models, lambda run: predict_echoes(run, survey))
     everyone = {Model(who): [given] for who, given in references.items()} | predictions
@@ -277,14 +271,16 @@ def evaluate_measured(
         resamples: bootstrap draws.
         healths: what recordings say about themselves, of surveys that were examined.
     """
-    models, unfit = split_fitting(models, robots, robot_at(folders[0]))
+    robot = robot_at(folders[0])
     about: Any = {"further": looked_at(models), "healths": healths, "resamples": resamples}
     try:
         measured = measured_rows(group, folders, localizers[name], name=name, **about)
     except Unheard as error:
         print(f"{group}, {name}: {error}", file=sys.stderr, flush=True)
         source = Recordings(group, kind="measured", localizer=name)
+        _, unfit = split_fitting(models, robots, robot, holds=lambda _: True)
         return Evaluation(unfit_rows(dict.fromkeys(models, OTHER_LOCALIZER) | unfit, source), [])
+    models, unfit = split_fitting(models, robots, robot, holds=measured.columns.keys().__ge__)
     references = scoring.trivial_predictions(measured.labelled.reference)
     kept = ("keep_everything", "chance")
     everyone = {Model(who): [references[who]] for who in kept}

@@ -2,17 +2,27 @@
 
 A classifier of columns computes something on any array, and one of tensors fails on another number
 of microphones; neither was made for it. So a comparison says of each such pair, in a row of its
-own, that the array or the rate is another, and nothing else.
+own, that the array or the rate is another, and nothing else. Likewise where the columns that a
+model looks at are not there, as those of several echoes are not where one was sought, and where a
+bundle meets the set that it was trained on without its run.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from echolearn.acoustics.turned_array import DISPLACED, turn_between
 from echolearn.acoustics.types import Array, MicArray
-from echolearn.evaluation.rows import OTHER_ARRAY, OTHER_RATE, Model, Recordings, Row
+from echolearn.evaluation.rows import (
+    MISSING_COLUMNS,
+    OTHER_ARRAY,
+    OTHER_RATE,
+    OWN_SET,
+    Model,
+    Recordings,
+    Row,
+)
 from echolearn.storage.identity import plain
 from echolearn.training.runs import Run
 
@@ -64,7 +74,12 @@ def misfit(run: Run, trained: Robot | None, tested: Robot) -> str:
 
 
 def split_fitting(
-    models: Mapping[Model, Sequence[Run]], trained: Mapping[str, Robot], tested: Robot
+    models: Mapping[Model, Sequence[Run]],
+    trained: Mapping[str, Robot],
+    tested: Robot,
+    *,
+    holds: Callable[[set[str]], bool],
+    data: str = "",
 ) -> tuple[dict[Model, Sequence[Run]], dict[Model, str]]:
     """Return the models whose runs fit what they are tested on, and of the others why not.
 
@@ -72,11 +87,16 @@ def split_fitting(
         models: finished runs of each model.
         trained: robots of training sets by the sets' digests.
         tested: robot of the test rows.
+        holds: tells whether these have all of some columns.
+        data: digest of the set that they are; of recordings none.
     """
     fitting: dict[Model, Sequence[Run]] = {}
     unfit: dict[Model, str] = {}
     for model, runs in models.items():
         reasons = [misfit(run, trained.get(run.data_digest), tested) for run in runs]
+        reasons += [MISSING_COLUMNS for run in runs if not holds({*run.inputs})]
+        unknown = [run for run in runs if not run.metrics.get("held_out", True)]
+        reasons += [OWN_SET for run in unknown if run.data_digest == data]
         found = next(filter(None, reasons), "")
         if found:
             unfit[model] = found

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from echolearn.comparison.calibration_tables import calibration_table, own_table
-from echolearn.comparison.choice import Comparison, chosen, headline
+from echolearn.comparison.choice import Comparison, chosen, headline, trained
 from echolearn.comparison.measured_tables import measured_tables
 from echolearn.comparison.pivot import Table, pivot
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation.rows import (
+    BUNDLE,
     SNR_BANDS_DB,
     UNFIT,
     LocalizedSurvey,
@@ -95,7 +96,7 @@ def gather(comparison: Comparison) -> dict[str, Any]:
     tests = pick(placed(comparison.tests, surveys), training=source)
     here = pick(rows, training=("-", source))
     left = pick(here, kind="survey", classifier=best.classifier)
-    runs = [run for seeds in comparison.models.values() for run in seeds]
+    runs = [run for seeds in trained(comparison).values() for run in seeds]
     return {
         "source": source,
         "best": best.classifier,
@@ -120,6 +121,7 @@ def gather(comparison: Comparison) -> dict[str, Any]:
         "generalisation": generalisation(rows, localizer=localizer),
         "measured": measured_tables(rows, comparison.measured, localizer=localizer),
         "unfit": UNFIT,
+        "bundles": [each.classifier for each in comparison.models if each.role == BUNDLE],
         "protocol": protocol(comparison),
         "leak": leak(rows),
         "tests": tests,
@@ -221,7 +223,7 @@ def leak(rows: Iterable[Row]) -> Table:
 def protocol(comparison: Comparison) -> list[dict[str, Any]]:
     """Return each model's own test and cross-validation figures: the paper's protocol."""
     lines = []
-    for model in sorted(comparison.models, key=attrgetter("training", "classifier")):
+    for model in sorted(trained(comparison), key=attrgetter("training", "classifier")):
         figures = [run.metrics for run in comparison.models[model]]
         line: dict[str, Any] = model._asdict() | {"training": model.training}
         line |= {"rows": figures[0]["rows"], "spread": None, "folds": None}

@@ -4,7 +4,8 @@ An echo is true if it arrives within 10 samples of a wall's echo *and* from with
 (`evaluation.matching.agree`). Sets of before need not be made again: a record has the room, the
 robot's pose in it, and the time of each wall's echo at microphone 1, and the wall's mirror image of
 the loudspeaker gives its direction. That is seen from the loudspeaker, in a box; sets of other
-rooms, or whose microphones have another middle, hold the label as a column of their own.
+rooms, or whose microphones have another middle, hold the label as a column of their own. What the
+array cannot tell apart counts as one; manifests of before do not tell it, and then it tells all.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,14 +14,18 @@ from typing import Any
 import numpy as np
 
 from echolearn.acoustics.geometry import wrap
-from echolearn.acoustics.types import Array, Truth
+from echolearn.acoustics.types import Array, MicArray, Truth
 from echolearn.evaluation.matching import TOA_TOLERANCE_SAMPLES, UNMATCHED, agree
 
 NAME = "time_and_direction"
 
 
 def time_and_direction(
-    gather: Callable[[str], Array], plan: Mapping[str, Any], *, several: bool
+    gather: Callable[[str], Array],
+    plan: Mapping[str, Any],
+    *,
+    several: bool,
+    array: MicArray | None = None,
 ) -> Array:
     """Return the label of some records, shape (B,), bool.
 
@@ -28,6 +33,7 @@ def time_and_direction(
         gather: returns a field of them, shape (B, ...).
         plan: of their set, as its manifest has it.
         several: whether an observation has several echoes, each with the `wall` it is matched to.
+        array: what heard them; None tells all directions apart.
     """
     rate = plan["scene"]["probe"]["sample_rate"]
     truth = wall_directions(
@@ -35,7 +41,8 @@ def time_and_direction(
     )
     toa = gather("truth_toa")[:, : truth.azimuth.shape[1]]
     late = np.abs(gather("toa")[:, None] - toa)
-    near = agree(truth, gather("azimuth")[:, None], gather("elevation")[:, None])[:, 0]
+    azimuth, elevation = gather("azimuth")[:, None], gather("elevation")[:, None]
+    near = agree(truth, azimuth, elevation, array=array)[:, 0]
     fits = near & (late < TOA_TOLERANCE_SAMPLES / rate)
     if not several:
         return fits.any(axis=1)

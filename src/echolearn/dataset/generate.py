@@ -80,6 +80,7 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
     if missing or not manifests.is_finished(folder):
         rows = len(plan) * returned(plan.localizer)
         about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
+        about["microphones"] = plan.scene.array.positions.tolist()
         names = map(manifests.shard_name, range(count))
         manifests.finish(folder, about | manifests.command_entry(command), names)
     return folder

@@ -1,13 +1,14 @@
 """A finished set, read back: columns and tensors by name, from shards checked on opening."""
 
 from collections.abc import Collection
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from echolearn.acoustics.signals import joint_db
-from echolearn.acoustics.types import Array
+from echolearn.acoustics.types import Array, MicArray
 from echolearn.checks import BadValue, check
 from echolearn.dataset import derived
 from echolearn.localization.columns import FURTHER
@@ -68,6 +69,12 @@ class Dataset:
         """Return whether every record has all of these columns and tensors."""
         return {*names} <= {*(self._shards[0].dtype.names or ())}
 
+    @cached_property
+    def array(self) -> MicArray | None:
+        """What the robot heard with; None of a set whose manifest does not tell."""
+        known = self.manifest.get("microphones")
+        return None if known is None else MicArray(np.array(known, dtype=float))
+
     def __len__(self) -> int:
         return int(self.manifest["rows"])
 
@@ -98,7 +105,8 @@ class Dataset:
         if name == derived.NAME and name not in (known.names or ()):
             read = partial(self.gather, rows=rows)
             several = "wall" in (known.names or ())
-            return derived.time_and_direction(read, self.manifest["plan"], several=several)
+            about: Any = {"several": several, "array": self.array}
+            return derived.time_and_direction(read, self.manifest["plan"], **about)
         if name not in (known.names or ()):
             allowed = f"must be one of {', '.join(known.names or ())}"
             hint = "does the set come from an older version?"

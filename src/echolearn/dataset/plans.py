@@ -1,10 +1,10 @@
 """Plans: where the robot stands for each row of a set, how loud the noise is, what it carries.
 
-A plan has `name`, `seed`, `role`, `window`, `scene`, `localizer`, `shard_rows`, `realism`, a length
-and `spot(row, rng)`. `GridPlan` is the paper's regular grid; `ScatteredPlan` draws rooms,
-positions, reverberation, noise and gain at random. On a 0.5 m grid only three wall distances ever
-fall into the search window, so a classifier can memorise times of arrival instead of judging
-echoes; scattered positions leave nothing to memorise.
+A plan has `name`, `seed`, `role`, `window`, `scene`, `localizer`, `shard_rows`, `realism`, `boxes`,
+`most_echoes`, a length and `spot(row, rng)`. `GridPlan` is the paper's regular grid;
+`ScatteredPlan` draws rooms, positions, reverberation, noise and gain at random. On a 0.5 m grid
+only three wall distances ever fall into the search window, so a classifier can memorise times of
+arrival instead of judging echoes; scattered positions leave nothing to memorise.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.polygon_room import AnyRoom
-from echolearn.acoustics.rooms import bounds, check_inside, inside, size_of
+from echolearn.acoustics.rooms import bounds, check_inside, inside, most_echoes, size_of
 from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.checks import (
@@ -28,6 +28,7 @@ from echolearn.checks import (
     check_number,
     check_range,
 )
+from echolearn.dataset.drawn_rooms import ECHOES, ROOMY, drawn_place, drawn_room
 from echolearn.localization.columns import FURTHER
 from echolearn.localization.localizer import Localizer
 from echolearn.simulation.levels import NoiseLevels
@@ -149,6 +150,16 @@ class GridPlan:
         away = distance_to_outline(grid[:, :2], self.room.faces[0])
         return grid[inside(self.room, grid) & (away >= self.margin - 1e-9)]
 
+    @property
+    def boxes(self) -> bool:
+        """Whether the room is a box."""
+        return isinstance(self.room, Room)
+
+    @property
+    def most_echoes(self) -> int:
+        """How many first-order echoes a place can have."""
+        return most_echoes(self.room)
+
     def __len__(self) -> int:
         return len(self.positions) * len(self.snr_levels or (0,))
 
@@ -184,6 +195,7 @@ class ScatteredPlan:
         role: what the set is for, see `ROLES`; no row depends on it.
         realism: ranges of what is not ideal; each row draws its own.
         further: names of what rows hold besides the columns and tensors of every set, of `FURTHER`.
+        rooms: outlines, of `drawn_rooms.ECHOES`; each row draws one.
     """
 
     name: str
@@ -205,6 +217,7 @@ class ScatteredPlan:
     role: str = "training"
     realism: Realism = field(default=Realism(), metadata=LATER)
     further: tuple[str, ...] = field(default=(), metadata=LATER)
+    rooms: tuple[str, ...] = field(default=("box",), metadata=LATER)
 
     def __post_init__(self) -> None:
         for name, size in (("size_low", self.size_low), ("size_high", self.size_high)):
@@ -220,6 +233,31 @@ class ScatteredPlan:
         check_number("plan.margin", self.margin, low=low, high=high, unit="m", hint=hint)
         for size in (self.size_low, self.size_high):
             Room(size, self.t60[0])
+        self._set_rooms()
+
+    def _set_rooms(self) -> None:
+        """Check the outlines, and that there is a place in each."""
+        check_list("plan.rooms", self.rooms, allowed=f"must be some of {', '.join(ECHOES)}")
+        names = [str(each) for each in self.rooms]
+        once = 0 < len(names) == len(set(names)) and all(each in ECHOES for each in names)
+        allowed = f"must be some of {', '.join(ECHOES)}, each once"
+        check(once, "plan.rooms", f"[{', '.join(names)}]", allowed=allowed)
+        # As a tuple it equals the default, so that a list of boxes alone is no other plan.
+        object.__setattr__(self, "rooms", tuple(names))
+        if not self.boxes:
+            high = ROOMY * min(self.size_low[:2])
+            hint = f"of rooms {', '.join(names)} no more than {100 * ROOMY:g} % of a side"
+            check_number("plan.margin", self.margin, low=0.0, high=high, unit="m", hint=hint)
+
+    @property
+    def boxes(self) -> bool:
+        """Whether all rooms are boxes."""
+        return self.rooms == ("box",)
+
+    @property
+    def most_echoes(self) -> int:
+        """How many first-order echoes a place can have in any of the rooms."""
+        return max(ECHOES[each] for each in self.rooms)
 
     def __len__(self) -> int:
         return self.rows
@@ -227,8 +265,11 @@ class ScatteredPlan:
     def spot(self, row: int, rng: np.random.Generator) -> Spot:
         """Return what row number `row` observes; `rng` draws what is random about it."""
         size = rng.uniform(self.size_low, self.size_high)
-        room = Room(tuple(size), rng.uniform(*self.t60), tuple(rng.uniform(*self.wall_factor, 6)))
-        position = rng.uniform(self.margin, size - self.margin)
+        t60 = rng.uniform(*self.t60)
+        # Where there is nothing to choose nothing is drawn, as in plans of before.
+        outline = self.rooms[rng.integers(len(self.rooms)) if len(self.rooms) > 1 else 0]
+        room = drawn_room(outline, size, t60=t60, wall_factor=self.wall_factor, rng=rng)
+        position = drawn_place(room, self.margin, rng)
         heading = rng.uniform(-np.pi, np.pi)
         snr_db = _uniform(self.snr_db, rng)
         gain_db = rng.uniform(*self.gain_db)

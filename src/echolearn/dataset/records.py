@@ -9,7 +9,8 @@ for (`further`), the labels
 - `reflector` (the paper's): |estimated - true TOA| < 10 samples for some reflecting wall; of
   several echoes of one observation no two for the same wall (`evaluation.matching`),
 - `on_map`: the map point (TOA and DOA together) lies within 0.10 m of the room's outline,
-- `time_and_direction`: time as for `reflector`, and within 10 degrees of that wall's direction;
+- `time_and_direction`: time as for `reflector`, and within 10 degrees of that wall's direction, as
+  far as the array tells it;
   derived when a set is read (`derived`), and held in rooms that are no boxes, and where the
   array's middle is not its loudspeaker,
 
@@ -32,11 +33,11 @@ from typing import Any
 import numpy as np
 
 from echolearn.acoustics.bistatic import wall_points
-from echolearn.acoustics.rooms import check_inside, most_echoes, outline, size_of, true_echoes
+from echolearn.acoustics.rooms import check_inside, outline, size_of, true_echoes
 from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.signals import noise_covariance, noise_psd
 from echolearn.acoustics.streams import stream
-from echolearn.acoustics.types import Array, Observation, Room
+from echolearn.acoustics.types import Array, Observation
 from echolearn.dataset import derived
 from echolearn.dataset.plans import Plan, Spot
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
@@ -93,7 +94,7 @@ def records(plan: Plan, rows: range) -> Array:
     for name in contexts[0]:
         values = np.array([context[name] for context in contexts])
         columns[name] = np.repeat(values, estimates.shape[1], axis=0)
-    known = [labels(found, spot, scene) for found, spot in zip(estimates, spots, strict=True)]
+    known = [labels(found, spot, plan) for found, spot in zip(estimates, spots, strict=True)]
     columns |= {name: np.concatenate([each[name] for each in known]) for name in known[0]}
     return _structured(columns)
 
@@ -141,14 +142,15 @@ def _context(spot: Spot) -> dict[str, Any]:
     }
 
 
-def labels(estimates: Array, spot: Spot, scene: Scene) -> dict[str, Array]:
+def labels(estimates: Array, spot: Spot, plan: Plan) -> dict[str, Array]:
     """Return the labels of the echoes of one observation, arrays of R rows.
 
     Args:
         estimates: TOA in s, azimuth and elevation in rad of each echo, shape (R, 3).
         spot: where they were observed.
-        scene: gives the array, the sample rate and the speed of sound.
+        plan: gives array, sample rate and speed of sound, and what all rows have in common.
     """
+    scene = plan.scene
     toa, azimuth, elevation = estimates.T
     true = true_echoes(spot.room, spot.pose, array=scene.array, speed_of_sound=scene.speed_of_sound)
     truth = true.toa
@@ -163,14 +165,14 @@ def labels(estimates: Array, spot: Spot, scene: Scene) -> dict[str, Array]:
         array=scene.array,
         speed_of_sound=scene.speed_of_sound,
     )
-    padded = np.pad(truth, (0, most_echoes(spot.room) - len(truth)), constant_values=np.nan)
+    padded = np.pad(truth, (0, plan.most_echoes - len(truth)), constant_values=np.nan)
     found = {
         "reflector": wall != UNMATCHED,
         "on_map": distance_to_outline(points, outline(spot.room)) <= MAP_TOLERANCE,
         "truth_toa": np.tile(padded, (len(toa), 1)),
     }
-    if scene.array.centre.any() or not isinstance(spot.room, Room):
-        near = agree(true, azimuth, elevation)
+    if scene.array.centre.any() or not plan.boxes:
+        near = agree(true, azimuth, elevation, array=scene.array)
         both = match_echoes(truth, toa, tolerance=tolerance, allowed=near)
         found[derived.NAME] = both != UNMATCHED
     return found | {"echo": np.arange(len(toa)), "wall": wall} if len(toa) > 1 else found

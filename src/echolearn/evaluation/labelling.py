@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from echolearn.acoustics.types import Array, Echoes, Truth
+from echolearn.acoustics.types import Array, Echoes, MicArray, Truth
 from echolearn.evaluation.matching import (
     TOA_TOLERANCE_SAMPLES,
     UNMATCHED,
@@ -27,22 +27,31 @@ class Labels(NamedTuple):
     by_time: Array | None
 
 
-def label_echoes(truth: Sequence[Truth], echoes: Echoes, *, sample_rate: float) -> Labels:
+def label_echoes(
+    truth: Sequence[Truth], echoes: Echoes, *, sample_rate: float, array: MicArray | None = None
+) -> Labels:
     """Return which echoes of P poses are true, pose by pose.
 
     Args:
         truth: true echoes of each pose.
         echoes: fields (P, R).
         sample_rate: in Hz; times may miss by samples of it.
+        array: what heard them; None tells all directions apart.
     """
     tolerance = TOA_TOLERANCE_SAMPLES / sample_rate
     fields = zip(truth, echoes.toa, echoes.azimuth, echoes.elevation, strict=True)
-    found = [labels_at(true, *echo, tolerance=tolerance) for true, *echo in fields]
+    found = [labels_at(true, *echo, tolerance=tolerance, array=array) for true, *echo in fields]
     return Labels(*(joined(parts) for parts in zip(*found, strict=True)))
 
 
 def labels_at(
-    true: Truth, toa: Array, azimuth: Array, elevation: Array, *, tolerance: float
+    true: Truth,
+    toa: Array,
+    azimuth: Array,
+    elevation: Array,
+    *,
+    tolerance: float,
+    array: MicArray | None = None,
 ) -> Labels:
     """Return which of R echoes at one pose are true.
 
@@ -50,11 +59,12 @@ def labels_at(
         true: the true echoes there.
         toa, azimuth, elevation: of the echoes, shape (R,).
         tolerance: of times, in s.
+        array: as that of `label_echoes`.
     """
     by_time = match_echoes(true.toa, toa, tolerance=tolerance) != UNMATCHED
     if np.isnan(true.azimuth).any():
         return Labels(None, by_time)
-    near = agree(true, azimuth, elevation)
+    near = agree(true, azimuth, elevation, array=array)
     both = match_echoes(true.toa, toa, tolerance=tolerance, allowed=near)
     return Labels(both != UNMATCHED, by_time)
 

@@ -7,13 +7,16 @@ between two walls serves the one that no other echo does.
 
 Where directions are known, a pair may also be asked to agree in them: azimuths within the
 tolerance, or, where the true echo comes from so near the array's axis that its azimuth says
-nothing, the angle between the two directions.
+nothing, the angle between the two directions. What an array cannot tell apart counts as one
+(`acoustics.arrays.representative`): floor and ceiling for a level ring; of a line, to which the
+angle is all that it hears, both sides.
 """
 
 import numpy as np
 
+from echolearn.acoustics.arrays import axes, representative
 from echolearn.acoustics.geometry import direction, wrap
-from echolearn.acoustics.types import Array, Truth
+from echolearn.acoustics.types import Array, MicArray, Truth
 from echolearn.checks import check_number, finite_vector
 
 TOA_TOLERANCE_SAMPLES = 10
@@ -65,19 +68,30 @@ def match_echoes(
     return matched
 
 
-def agree(reference: Truth, azimuth: Array, elevation: Array) -> Array:
+def agree(
+    reference: Truth, azimuth: Array, elevation: Array, *, array: MicArray | None = None
+) -> Array:
     """Tell which echoes come from the directions of which true ones, shape (..., R, W), bool.
 
     Args:
         reference: W true echoes, fields (..., W); a direction that is NaN is nobody's.
         azimuth, elevation: of R echoes, shape (..., R), in rad.
+        array: what heard them; None tells all directions apart.
     """
-    turned = np.abs(wrap(azimuth[..., None] - reference.azimuth[..., None, :]))
     found = direction(azimuth, elevation)
     true = direction(reference.azimuth, reference.elevation)
+    there = reference.azimuth
+    apart = 3 if array is None else len(axes(array))
+    if array is not None and apart < 3:
+        found = representative(array, found)
+        true = representative(array, true)
+        azimuth = np.arctan2(found[..., 1], found[..., 0])
+        there = np.arctan2(true[..., 1], true[..., 0])
     between = np.arccos(np.clip(found @ np.swapaxes(true, -1, -2), -1.0, 1.0))
-    upright = np.sin(reference.elevation) < np.sin(ANGLE_TOLERANCE)
-    beside = np.where(upright[..., None, :], between, turned)
+    turned = np.abs(wrap(azimuth[..., None] - there[..., None, :]))
+    upright = np.hypot(true[..., 0], true[..., 1]) < np.sin(ANGLE_TOLERANCE)
+    # Around a line nothing has an azimuth.
+    beside = np.where(upright[..., None, :] | (apart < 2), between, turned)
     near: Array = beside <= ANGLE_TOLERANCE
     return near
 

@@ -23,13 +23,17 @@ SNR_BANDS_DB = ((-40, -20), (-20, -15), (-15, -10), (-10, -5), (-5, 40))
 OTHER_ARRAY = "other_array"
 OTHER_RATE = "other_rate"
 OTHER_LOCALIZER = "other_localizer"
-
 MISSING_COLUMNS = "missing_columns"
+OWN_SET = "own_set"
 
-UNFIT = (OTHER_ARRAY, OTHER_RATE, OTHER_LOCALIZER, MISSING_COLUMNS)
+UNFIT = (OTHER_ARRAY, OTHER_RATE, OTHER_LOCALIZER, MISSING_COLUMNS, OWN_SET)
 """Metrics of rows that say why there is no figure: their model was made for another array or rate,
-the localizer cannot work on what was recorded, or the set's plan did not ask for what the model
-looks at. Their value is empty."""
+the localizer cannot work on what was recorded, the model looks at what is not there, or a bundle
+was trained on the set and its run, which tells the rows it held out, is not there. Their value is
+empty."""
+
+BUNDLE = "bundle"
+"""Role and method of a bundle."""
 
 Row = dict[str, Any]
 
@@ -40,7 +44,8 @@ class Model(NamedTuple):
     Attributes:
         classifier: name of its configuration, or of the reference.
         trained_on: name of the set's plan; "-" for references, which are not trained.
-        role: "learned", "baseline" (a bare threshold) or "reference" (knows nothing, or all).
+        role: "learned", "baseline" (a bare threshold), "bundle" or "reference" (knows nothing, or
+            all).
         method: short name of what is fitted; empty for references.
         split: what is never divided between training and test, "position" or "row".
         target: label that was learned, "reflector", "on_map" or "time_and_direction".

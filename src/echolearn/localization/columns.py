@@ -95,7 +95,7 @@ UNITS = {
 """Unit of each column."""
 
 SEVERAL = ("rank", "neighbour_lag", "neighbour_gain")
-"""Those that only one of several echoes has."""
+"""Those that only one of several echoes has, or of several that were sought (`echoes=auto`)."""
 
 AGREEMENT = (
     "level",

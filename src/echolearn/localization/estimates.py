@@ -16,6 +16,8 @@ from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.localization import correlations
 from echolearn.localization.beamforming import Mpdr, azimuth_grid
+from echolearn.localization.columns import SEVERAL
+from echolearn.localization.features import neighbour_columns
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import relax
 from echolearn.localization.search import Peak, Search, reference_search
@@ -51,8 +53,10 @@ def joint_echoes(search: Search, peaks: Sequence[Peak]) -> Echoes:
     return from_upright_walls(matched, found, level=level)
 
 
-def wall_echoes(localizer: Any, observation: Observation, *, view: MatchedFilter | None) -> Echoes:
-    """Return the strongest echo of each recording that comes from a wall, fields (B, 1).
+def wall_echoes(
+    localizer: Any, observation: Observation, *, view: MatchedFilter | None
+) -> tuple[Echoes, dict[str, Array]]:
+    """Return the strongest echo of each recording that comes from a wall, and what it is beside.
 
     Under a low ceiling the strongest of all comes from there or from the floor. Where it does,
     `SOUGHT` are sought, each in what the others leave; if all of them do, the strongest stays.
@@ -61,18 +65,30 @@ def wall_echoes(localizer: Any, observation: Observation, *, view: MatchedFilter
         localizer: a dataclass with `echoes`, which tells floor and ceiling.
         observation: recordings (B, M, N).
         view: their matched-filter view, if somebody has made one.
+
+    Returns:
+        Echoes, fields (B, 1), and by name the columns (B,) that tell one of several echoes from the
+        others. Where no others were sought none is stronger, and the nearest is as far away as the
+        window is wide, of gain 0.
     """
+    if view is None:
+        view = MatchedFilter(observation, localizer.window, localizer.azimuths)
     found = replace(localizer, echoes=1)(observation, view)
+    beside = {name: np.zeros(len(found.toa)) for name in SEVERAL}
+    beside["neighbour_lag"] += view.last - view.first
     rows = np.flatnonzero(~on_no_axis(found)[:, 0])
     if not len(rows):
-        return found
+        return found, beside
     low = replace(observation, samples=observation.samples[rows])
     several = replace(localizer, echoes=SOUGHT)(low)
-    first = on_no_axis(several).argmax(axis=-1)[:, None]
+    first = on_no_axis(several).argmax(axis=-1)
     fields = {name: values.copy() for name, values in vars(found).items()}
     for name, values in fields.items():
-        values[rows] = np.take_along_axis(getattr(several, name), first, axis=-1)
-    return Echoes(**fields)
+        values[rows] = np.take_along_axis(getattr(several, name), first[:, None], axis=-1)
+    ranks = [neighbour_columns(view, several, rank=rank) for rank in range(SOUGHT)]
+    for name, values in beside.items():
+        values[rows] = np.stack([each[name] for each in ranks])[first, np.arange(len(rows))]
+    return Echoes(**fields), beside
 
 
 def on_no_axis(echoes: Echoes) -> Array:

@@ -11,8 +11,9 @@ from collections.abc import Collection
 
 from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.localization.columns import COLUMNS, TENSORS
+from echolearn.localization.estimates import wall_echoes
 from echolearn.localization.features import describe
-from echolearn.localization.localizer import Localizer
+from echolearn.localization.localizer import AUTO, Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.separation import separate
 
@@ -38,6 +39,9 @@ def localize(
     view = MatchedFilter(observation, localizer.window)
     if localizer.sign == "either":
         view = view.upright()
+    if localizer.echoes == AUTO:
+        echoes, beside = wall_echoes(localizer, view.observation, view=view)
+        return echoes, describe([view], echoes, names=names) | beside
     echoes = localizer(view.observation, view)
     # Of several echoes each is described as the others leave it.
     return echoes, describe(separate(view, echoes), echoes, names=names)

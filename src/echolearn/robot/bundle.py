@@ -29,7 +29,7 @@ from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import BadValue, check
 from echolearn.localization import methods
 from echolearn.localization.columns import EVERY_COLUMN, SEVERAL, TENSOR_VIEWS, UNITS, tensor_shape
-from echolearn.localization.localizer import Localizer, returned
+from echolearn.localization.localizer import Localizer
 from echolearn.robot import untrusted_files, untrusted_models
 from echolearn.robot.schema import GOLDEN, LIMITS, upgraded
 from echolearn.storage import manifests
@@ -156,7 +156,8 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
     expected = {"x": ("<f4", (GOLDEN, *shape)), "confidence": ("<f8", (GOLDEN,))}
     golden = untrusted_files.read_arrays(data["golden.npz"], expected, name=f"{folder}/golden.npz")
     localizer = localizer_of(**about["localizer"], window=SearchWindow(**about["window"]))
-    alone = [name for name in SEVERAL if name in inputs and returned(localizer) == 1]
+    single = localizer.echoes == 1
+    alone = [name for name in SEVERAL if name in inputs and single]
     allowed = "must be columns that a single echo has"
     check(not alone, "columns", alone, allowed=allowed, hint="localizer.echoes is 1")
     return Bundle(

@@ -133,7 +133,7 @@ def judged(mapped: MappedWalk, walk: Survey) -> dict[str, Any]:
     if walk.truth is None:
         return about
     rate = walk.emitted.sample_rate
-    labels = label_echoes(walk.truth, mapped.echoes, sample_rate=rate)
+    labels = label_echoes(walk.truth, mapped.echoes, sample_rate=rate, array=walk.array)
     scores = echo_scores(labels, np.asarray(mapped.map.kept))
     return about | {"echo_scores": {name: finite(value) for name, value in scores.items()}}
 

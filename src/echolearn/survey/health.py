@@ -131,6 +131,7 @@ def examine(survey: Survey) -> Health:
         mended=(*_told(mending, walk, zero=zero), *_played(sound)),
         noticed=(
             *verdicts.noticed,
+            *zero.noticed,
             *_moving(walk),
             *_reversed(signs, walk.numbers),
             *removal.removal_lines(survey, removed),
@@ -181,6 +182,7 @@ def _agreed(survey: Survey, direct: Direct, *, numbers: Sequence[object], used: 
         sample_rate=survey.probe.sample_rate,
         speed=survey.speed_of_sound,
         positions=survey.array.positions if survey.loudspeakers is None else None,
+        mapped=survey.mapped,
     )
 
 

@@ -9,7 +9,7 @@ direct path and leaves no mark cannot be seen.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +27,12 @@ REST = 0.25
 
 PLACED = 0.005
 """m within which positions of microphones and of a loudspeaker's sound are known."""
+
+ROUGH = 1.0
+"""Samples by which one microphone may be off where only times and directions are wanted, which are
+right within 10 samples and 10 degrees: it is told, and the recordings are used as they are."""
+
+USED = "used as it is, since map: false asks for times and directions alone"
 
 SPREAD = 0.55
 """Standard deviation of a crest's lag in samples, times its height over the noise, for a burst of
@@ -110,11 +116,13 @@ class TimeZero:
         line: in words.
         late: samples to take off each recording, shape (P,); 0 where nothing is.
         refused: what cannot be mended.
+        noticed: what is told only.
     """
 
     line: str
     late: Array
     refused: tuple[str, ...] = ()
+    noticed: tuple[str, ...] = ()
 
 
 def time_zero_of(
@@ -125,6 +133,7 @@ def time_zero_of(
     sample_rate: float,
     speed: float,
     positions: Array | None = None,
+    mapped: bool = True,
 ) -> TimeZero:
     """Return what direct paths, fields (P, M), say together.
 
@@ -135,6 +144,7 @@ def time_zero_of(
         sample_rate: in Hz.
         speed: of sound, in m/s.
         positions: of the microphones around a loudspeaker that is carried, shape (M, 3), in m.
+        mapped: whether echoes are placed on a map; if not, little is told and not refused.
     """
     latency = np.where(used, direct.latency, np.nan)
     with np.errstate(invalid="ignore"):
@@ -147,27 +157,39 @@ def time_zero_of(
     allowed = max(0.5, PLACED * sample_rate / speed)
     unit = _Unit(sample_rate, speed)
     missing = _missing(direct, used)
-    lines = []
-    if missing.any():
-        lines.append(
-            f"direct path missing in {naming.recordings(numbers, missing)}: must be there where "
-            "direct_path is present; was a buffer lost, or is it removed already?"
-        )
+    lines = _lost(numbers, missing)
     middle = _middle(latency)
     off = latency - middle[:, None]
     wrong = (np.abs(off) > allowed + 5 * doubt) & ~missing[:, None]
+    wrong &= _again(wrong, direct, count=int(seen.sum()))
+    told: tuple[str, ...] = ()
+    if wrong.any():
+        elsewhere = moved_loudspeaker(off, positions, unit=unit, allowed=allowed)
+        about: Any = {"numbers": numbers, "unit": unit, "allowed": allowed}
+        line = _disagree(off, wrong, elsewhere=elsewhere, **about)
+        if mapped or float(np.abs(off[wrong]).max()) > ROUGH:
+            lines.append(line)
+        else:
+            told = (f"{line} {USED}",)
+    if lines:
+        return TimeZero(f"direct paths do not agree; {lines[0]}", nothing, tuple(lines))
+    return replace(_common(middle, doubt, numbers=numbers, unit=unit), noticed=told)
+
+
+def _again(wrong: Array, direct: Direct, *, count: int) -> Array:
+    """Tell which readings that are wrong are so often enough.
+
+    Args:
+        wrong: those that are too far off, shape (P, M), bool.
+        direct: of every recording.
+        count: recordings whose direct path is seen.
+    """
     # One reading in a hundred may be another arrival; a channel that is late is so again.
     # A single one must stand far out of the noise, which need not be white.
     with np.errstate(invalid="ignore"):
         clear = np.abs(direct.height) > LOUD * direct.noise
-    wrong &= wrong.sum(axis=0) > np.where(clear, 0.02, 0.2) * seen.sum()
-    if wrong.any():
-        elsewhere = moved_loudspeaker(off, positions, unit=unit, allowed=allowed)
-        about: Any = {"numbers": numbers, "unit": unit, "allowed": allowed}
-        lines.append(_disagree(off, wrong, elsewhere=elsewhere, **about))
-    if lines:
-        return TimeZero(f"direct paths do not agree; {lines[0]}", nothing, tuple(lines))
-    return _common(middle, doubt, numbers=numbers, unit=unit)
+    often: Array = wrong.sum(axis=0) > np.where(clear, 0.02, 0.2) * count
+    return often
 
 
 class _Unit(NamedTuple):
@@ -235,6 +257,16 @@ def moved_loudspeaker(off: Array, positions: Array | None, *, unit: _Unit, allow
         return ""
     shown = ", ".join(f"{each:z.3f}" for each in moved[:3])
     return f"all would fit with loudspeaker moved by [{shown}] m; is it where survey.yaml has it?"
+
+
+def _lost(numbers: Sequence[object], missing: Array) -> list[str]:
+    """Return the line on recordings whose direct path is missing, (P,), bool, if there are any."""
+    if not missing.any():
+        return []
+    return [
+        f"direct path missing in {naming.recordings(numbers, missing)}: must be there where "
+        "direct_path is present; was a buffer lost, or is it removed already?"
+    ]
 
 
 def _disagree(

@@ -33,7 +33,7 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
     """Return the confidence function of a finished run, evaluated by onnxruntime on one thread.
 
     Args:
-        folder: folder of the run.
+        folder: folder of the run, or of a bundle.
 
     Returns:
         Maps raw inputs, (B, K) columns or a tensor (B, ...), to confidences (B,).
@@ -45,6 +45,10 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
     from echolearn.classifiers.inference import open_onnx
 
     folder = Path(folder)
+    if (folder / manifests.BUNDLE).is_file():
+        from echolearn.robot.scorer import load
+
+        return load(folder)
     manifest = manifests.verify(folder)
     inputs, digest = manifest["inputs"], manifest["sha256"]
     model = manifests.listed_bytes(folder, manifest, ["model.onnx"]).get("model.onnx", b"")

@@ -12,7 +12,7 @@ from typing import Any
 
 from echolearn.checks import BadValue, check, check_list, check_name, check_number, check_text
 from echolearn.evaluation.rows import Model
-from echolearn.localization.columns import EVERY_COLUMN, EVERY_TENSOR
+from echolearn.localization.columns import EVERY_COLUMN, EVERY_TENSOR, SEVERAL
 from echolearn.storage import manifests
 from echolearn.storage.identity import digest
 from echolearn.storage.tables import check_plain
@@ -25,11 +25,12 @@ FORMAT = 4
 def check_input_names(name: str, value: Any) -> None:
     """Raise `BadValue` unless a value lists columns that are there once, or one tensor."""
     check_list(name, value)
-    columns = all(each in EVERY_COLUMN for each in value[: len(EVERY_COLUMN)])
-    once = 0 < len(value) <= len(EVERY_COLUMN) and len({*map(str, value)}) == len(value)
+    known = (*EVERY_COLUMN, *SEVERAL)
+    columns = all(each in known for each in value[: len(known)])
+    once = 0 < len(value) <= len(known) and len({*map(str, value)}) == len(value)
     tensor = len(value) == 1 and value[0] in EVERY_TENSOR
     tensors = ", ".join(EVERY_TENSOR)
-    allowed = f"must be some of {', '.join(EVERY_COLUMN)}, each once, or one of {tensors}"
+    allowed = f"must be some of {', '.join(known)}, each once, or one of {tensors}"
     check(tensor or (columns and once), name, f"{value!a:.100}", allowed=allowed)
 
 

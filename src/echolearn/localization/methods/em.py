@@ -57,7 +57,7 @@ class Em:
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         if isinstance(self.echoes, str):
-            return wall_echoes(self, observation, view=view)
+            return wall_echoes(self, observation, view=view)[0]
         matched = prepare(self, observation, view=view, whole=False, reference=False)
         # One over the noise power makes the sum of correlations the likelihood.
         weights = noise_weights(matched.observation, matched.silent) if self.weigh else None

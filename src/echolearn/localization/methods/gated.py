@@ -22,7 +22,7 @@ from scipy import fft
 
 from echolearn.acoustics.geometry import SearchWindow, direction
 from echolearn.acoustics.types import Array, Echoes, Observation
-from echolearn.checks import check_choice
+from echolearn.checks import check, check_choice
 from echolearn.localization.beamforming import invert, regularize
 from echolearn.localization.correlations import PAD, interpolate
 from echolearn.localization.estimates import (
@@ -51,6 +51,7 @@ class Gated:
         gamma: regularisation of the covariance (Eq. 18); `das` has no use for it.
         whiten: whether to divide by the square root of the observation's `noise_psd` first.
         sign: of the echoes, positive or either (the largest |r|).
+        elevations: 1; directions off the level plane and its axis are for others.
     """
 
     window: SearchWindow = SearchWindow()
@@ -60,15 +61,20 @@ class Gated:
     gamma: float = 0.1
     whiten: bool = False
     sign: str = field(default="positive", metadata=LATER)
+    elevations: int = field(default=1, metadata=LATER)
 
     def __post_init__(self) -> None:
         check_arguments(self, tells_floor=True)
         check_choice("localizer.beam", self.beam, "das", "mpdr")
+        # Its tables of gates are those of the plane and the axis, shared with the columns.
+        hint = "joint, em, snls and mclam seek directions off the level plane"
+        level = self.elevations == 1
+        check(level, "localizer.elevations", self.elevations, allowed="must be 1", hint=hint)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         if isinstance(self.echoes, str):
-            return wall_echoes(self, observation, view=view)
+            return wall_echoes(self, observation, view=view)[0]
         matched = prepare(self, observation, view=view, whole=False, reference=True)
         check_extent(matched)
         times = reference_echoes(matched, self.echoes)

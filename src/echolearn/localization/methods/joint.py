@@ -58,7 +58,7 @@ class Joint:
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echoes of each observation, samples (B, M, N) -> fields (B, R)."""
         if isinstance(self.echoes, str):
-            return wall_echoes(self, observation, view=view)
+            return wall_echoes(self, observation, view=view)[0]
         if self.whiten == "spatial":
             return self._weighted(observation)
         matched = prepare(self, observation, view=view, whole=False, reference=False)

@@ -21,12 +21,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import chdtri
 
+from echolearn.acoustics.arrays import tells_up
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.correlations import advance
 from echolearn.localization.estimates import joint_echoes
-from echolearn.localization.localizer import check_arguments, prepare
+from echolearn.localization.localizer import check_arguments, check_directions, prepare
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.search import Peak, joint_search, reference_search
 from echolearn.localization.silence import energies
@@ -45,6 +46,8 @@ class Mclam:
         false_alarm: share of recordings without an echo in which the detector sees one.
         whiten: whether to divide by the square root of the observation's `noise_psd` first.
         sign: of the echoes, positive or either (the largest |r|).
+        elevations: size of the elevation grid, over (0, pi/2], or (0, pi) where the array tells up
+            from down; 1 stays in the level plane.
     """
 
     window: SearchWindow = SearchWindow()
@@ -53,6 +56,7 @@ class Mclam:
     false_alarm: float = 0.05
     whiten: bool = False
     sign: str = field(default="positive", metadata=LATER)
+    elevations: int = field(default=1, metadata=LATER)
 
     @property
     def echoes(self) -> int:
@@ -61,16 +65,18 @@ class Mclam:
 
     def __post_init__(self) -> None:
         check_arguments(self)
+        check_directions(self.azimuths, self.elevations)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the strongest echo of each observation, samples (B, M, N) -> fields (B, 1)."""
         matched = prepare(self, observation, view=view, whole=True, reference=False)
-        mpdr = Mpdr(self.azimuths, gamma=self.gamma)
+        below = tells_up(observation.array)
+        mpdr = Mpdr(self.azimuths, self.elevations, self.gamma, below)
         power = mpdr.without(matched.observation, matched.silent)
         azimuth, plane = (angle[power.argmax(axis=-1)] for angle in mpdr.directions)
 
         # The microphones that are not silent, aligned for that direction, become one.
-        search = joint_search(matched)
+        search = joint_search(matched, elevations=self.elevations)
         eta = search.delays((np.zeros(len(azimuth)), azimuth, plane))
         weighted = matched.padded * search.weights[..., None]
         aligned = advance(weighted, eta[:, None])[:, 0].sum(axis=1, keepdims=True)

@@ -16,6 +16,7 @@ from scipy import fft
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, Echoes, Observation
+from echolearn.checks import check
 from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.estimates import echoes_at, mpdr_echoes
 from echolearn.localization.localizer import check_arguments, prepare
@@ -35,6 +36,7 @@ class Peaks:
         loading: addition to the probe's power density, relative to its mean; 0 is plain division.
         whiten: whether to divide by the square root of the observation's `noise_psd` first.
         sign: of the echoes, positive or either (the largest |r|).
+        elevations: 1; it compares times, with the direction of `snls` in the level plane.
     """
 
     window: SearchWindow = SearchWindow()
@@ -44,9 +46,13 @@ class Peaks:
     loading: float = 0.0
     whiten: bool = False
     sign: str = field(default="positive", metadata=LATER)
+    elevations: int = field(default=1, metadata=LATER)
 
     def __post_init__(self) -> None:
         check_arguments(self)
+        hint = "joint, em, snls and mclam seek directions off the level plane"
+        level = self.elevations == 1
+        check(level, "localizer.elevations", self.elevations, allowed="must be 1", hint=hint)
 
     def __call__(self, observation: Observation, view: MatchedFilter | None = None) -> Echoes:
         """Estimate the highest peaks of each observation, samples (B, M, N) -> fields (B, R)."""
