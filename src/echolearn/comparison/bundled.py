@@ -50,7 +50,7 @@ def opened(names: Sequence[str], runs: Path, *, finished: Sequence[Run]) -> list
         BadValue: one is missing, damaged or not allowed, computes something else here, or has the
             name of another.
     """
-    found = []
+    found: list[tuple[Run, Robot]] = []
     for name in names:
         folder = find_bundle(runs, name)
         bundle = load(folder).bundle

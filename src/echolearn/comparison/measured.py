@@ -191,8 +191,8 @@ def labels_of(survey: Survey, echoes: Echoes) -> Labels:
     """
     if survey.truth is not None:
         # In samples of what is read, as the label of sets counts.
-        about: Any = {"array": survey.array, "sample_rate": survey.emitted.sample_rate}
-        return label_echoes(survey.truth, echoes, **about)
+        rate = survey.emitted.sample_rate
+        return label_echoes(survey.truth, echoes, sample_rate=rate, array=survey.array)
     place = f"{survey.folder}/survey.yaml"
     allowed = "must be the room's outline, or there must be a truth.csv, to judge echoes by"
     known = survey.walls is not None and survey.mapped
