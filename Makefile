@@ -81,15 +81,14 @@ OCTAHEDRON = $(subst $(empty) ,$(comma),$(strip $(HEARD)))
 ONE_LOCALIZER := localizer@localizers.snls=null localizer@localizers.joint=null
 LEARN = $(RUN) train -m -j $(JOBS)
 
-# The recipe of the bundle that comes along, for the ring and, to be judged on measured sound, for the array of R3VIVAL.
+# The recipe of the bundle that comes along, and, on fewer rows, of one for the array of R3VIVAL, judged on measured sound.
 POINT = $(RUNS)/point
-POINT_ROWS ?= 20000
-RECIPE = plan=varied plan.rows=$(POINT_ROWS)
+JUDGED = runs=$(POINT)/measured scene=octahedron plan.rows=4000
 
 point: $(READY) ## the bundle `point` that comes along, made again: sets, filter, comparisons, docs/cards/point.md
-	$(RUN) generate -m $(RECIPE) -- runs=$(POINT) -- runs=$(POINT)/measured scene=octahedron
-	$(LEARN) $(RECIPE) classifier=trees_invariant -- runs=$(POINT) -- runs=$(POINT)/measured scene=octahedron
-	$(RUN) generate -m runs=$(POINT) plan=offgrid_8x6x5,offgrid_13x11x5 plan.rows=2000 'plan.further=[$(FURTHER)]'
+	$(RUN) generate -m plan=varied -- runs=$(POINT) -- $(JUDGED)
+	$(LEARN) plan=varied classifier=trees_invariant -- runs=$(POINT) -- $(JUDGED)
+	$(RUN) generate -m runs=$(POINT) plan=offgrid_8x6x5,offgrid_13x11x5 'plan.further=[$(FURTHER)]'
 	$(RUN) survey -m -j $(JOBS) runs=$(POINT) room=$(MAPPED) snr_db=-10,0,10
 	$(RUN) compare runs=$(POINT) name=point 'tested=[offgrid_8x6x5,offgrid_13x11x5]' $(ONE_LOCALIZER) \
 	  'surveys=[8x6x5_-10dB,8x6x5_0dB,8x6x5_10dB,13x11x5_-10dB,13x11x5_0dB,13x11x5_10dB]'
