@@ -7,6 +7,7 @@ Labels are those that each model has learned; of recorded surveys, that by which
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,6 +23,9 @@ from echolearn.training.predictions import predict_measured, predict_rows
 
 ACROSS = 4
 """Panels beside each other."""
+
+MOST = 3
+"""Models that are drawn: more hide each other."""
 
 FEWEST = 20
 """Rows of a panel, at least: two in each bin."""
@@ -41,7 +45,7 @@ def fitting(comparison: Comparison, tested_on: str) -> list[Model]:
     """Return the drawn models that say something about a set or a group of surveys."""
     rows = pick(comparison.rows, tested_on=tested_on, seed="", snr_db="")
     fit = [row for row in rows if row["metric"] not in UNFIT]
-    return [model for model in drawn(comparison) if pick(fit, **model._asdict())]
+    return [model for model in drawn(comparison) if pick(fit, **model._asdict())][:MOST]
 
 
 def banded(comparison: Comparison) -> dict[str, Answers]:
@@ -80,7 +84,7 @@ def draw(panels: Mapping[str, Answers]) -> str:
     rows = -(-len(panels) // ACROSS)
     across = min(ACROSS, len(panels))
     figure, axes = figures.canvas(
-        across, rows=rows, width=2.4 * across, height=2.5 * rows + 0.6, sharex=True, sharey=True
+        across, rows=rows, width=2.4 * across, height=2.6 * rows + 0.6, sharey=True
     )
     names = list(dict.fromkeys(name for answers in panels.values() for name in answers))
     for axis, (title, answers) in zip(axes, panels.items(), strict=False):
@@ -92,7 +96,8 @@ def draw(panels: Mapping[str, Answers]) -> str:
         axis.set_visible(False)
     for axis in axes[::across]:
         axis.set_ylabel("share that is true")
-    figure.supxlabel("mean confidence", fontsize=9)
+    for axis in axes[len(panels) - across :]:
+        axis.set_xlabel("mean confidence")
     return figures.as_svg(figure, explained=axes[0])
 
 
@@ -107,5 +112,6 @@ def paint(axis: Axes, answers: tuple[Array, Array] | None, *, label: str) -> Non
     empty = np.empty(0)
     points = curve(*answers) if answers else (empty, empty, empty)
     belief, share, deviation = points
-    style = {"markersize": 3, "linewidth": 0.9, "elinewidth": 0.7}
+    # Bins are joined by no line: where they lie close, it would be all that is seen.
+    style: Any = {"linestyle": "", "markersize": 4, "elinewidth": 0.7, "alpha": 0.8}
     axis.errorbar(belief, share, yerr=2 * deviation, label=label, **style)

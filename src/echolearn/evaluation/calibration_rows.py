@@ -6,6 +6,7 @@ model of another label than the paper's also has `own_auc`, and so on, by its ow
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import metrics
@@ -39,9 +40,9 @@ def score_calibration(
     def own(given: Predictions, weights: Array | None) -> Mapping[str, Array]:
         """Return other metrics, too."""
         reference = labelled.reference[given.rows]
-        about = {"threshold": given.threshold, "weights": weights}
+        about: Any = {"threshold": given.threshold, "weights": weights}
         found = metrics.evaluate_labels(reference, given.confidence, **about)
-        return calibration(given, weights) | {f"own_{name}": found[name] for name in OWN}
+        return {**calibration(given, weights), **{f"own_{name}": found[name] for name in OWN}}
 
     every = own if model.target not in ("", PAPER) else calibration
     yield from tabulate(every, model=model, predictions=predictions, labelled=labelled)
@@ -51,5 +52,5 @@ def score_calibration(
         # As with other bands, a mean over seeds needs every seed.
         if all(len(given.rows) for given in cut):
             band = f"{low}:{high}"
-            about = {"predictions": cut, "labelled": labelled, "snr_db": band}
-            yield from pick(tabulate(calibration, model=model, **about), seed="")
+            banded: Any = {"predictions": cut, "labelled": labelled, "snr_db": band}
+            yield from pick(tabulate(calibration, model=model, **banded), seed="")

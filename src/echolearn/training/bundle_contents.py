@@ -152,7 +152,7 @@ def held_out_figures(run: Run, dataset: Dataset, *, resamples: int) -> dict[str,
     predicted = predict_rows(run, dataset)
     labelled = label_rows(dataset, resamples=resamples, target=run.model.target)
     figures = {}
-    about = {"predictions": [predicted], "labelled": labelled}
+    about: Any = {"predictions": [predicted], "labelled": labelled}
     judged = scoring.score_labels(run.model, **about), score_calibration(run.model, **about)
     for row in chain(*judged):
         # Rows of one band of SNR are of no use to a robot, which does not know its SNR.
