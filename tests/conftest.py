@@ -1,10 +1,12 @@
 """Small worlds that many tests share: the paper's robot, a live room, and what is heard in a corner
 of it."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from filelock import FileLock
 from hypothesis import HealthCheck, settings
 
 import world as small
@@ -29,11 +31,14 @@ settings.load_profile("any machine")
 
 
 @pytest.fixture(scope="session", autouse=True)
-def state(tmp_path_factory):
-    """Keep what is known of this machine's bundles in an empty folder, and return it."""
-    folder = tmp_path_factory.mktemp("state")
+def shared(tmp_path_factory):
+    """Return a folder that all processes of these tests have in common, with what they know of
+    this machine's bundles."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_STATE_HOME", str(folder))
+        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
         yield folder
 
 
@@ -92,9 +97,10 @@ def hear(scene):
 
 
 @pytest.fixture(scope="session")
-def world(tmp_path_factory):
-    """Return a small world; not to be changed."""
-    return small.make(tmp_path_factory.mktemp("world"))
+def world(shared):
+    """Return a small world, made by the first process that needs it; not to be changed."""
+    with FileLock(shared / "world.lock"):
+        return small.make(shared / "world")
 
 
 @pytest.fixture(scope="session")
@@ -104,9 +110,10 @@ def comparison(world):
 
 
 @pytest.fixture(scope="session")
-def compared(world):
+def compared(world, shared):
     """Return the folder of the world's comparison, made by one process; not to be changed."""
-    return compare(name="small", workers=1, **world.arguments)
+    with FileLock(shared / "compared.lock"):
+        return compare(name="small", workers=1, **world.arguments)
 
 
 @pytest.fixture(scope="session")

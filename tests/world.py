@@ -107,13 +107,14 @@ def plans() -> list[Plan]:
 
 
 def write_set(plan: Plan, runs: Path) -> Dataset:
-    """Write the set of a plan, and open it."""
+    """Write the set of a plan unless it is there, and open it."""
     folder = folder_of(plan, runs)
-    manifests.write_shard(folder, 0, records(plan, range(len(plan))))
-    rows = len(plan) * plan.localizer.echoes
-    about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
-    about["microphones"] = plan.scene.array.positions.tolist()
-    manifests.finish(folder, about, [manifests.shard_name(0)])
+    if not (folder / manifests.MANIFEST).exists():
+        manifests.write_shard(folder, 0, records(plan, range(len(plan))))
+        rows = len(plan) * plan.localizer.echoes
+        about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
+        about["microphones"] = plan.scene.array.positions.tolist()
+        manifests.finish(folder, about, [manifests.shard_name(0)])
     return Dataset(folder)
 
 
@@ -126,7 +127,7 @@ def train(dataset: Dataset, name: str, *, seed: int, runs: Path, **changes: Any)
 
 
 def make(runs: Path) -> World:
-    """Make everything below `runs`."""
+    """Make what is missing below `runs`."""
     sets = {plan.name: write_set(plan, runs) for plan in plans()}
     for plan, seed, names in TRAINED:
         for name in names:

@@ -74,7 +74,8 @@ SMALL = {
 def made(world, tmp_path_factory):
     """Return the folder of a small benchmark of everything, with its page beside it."""
     runs = tmp_path_factory.mktemp("bench") / "runs"
-    shutil.copytree(world.runs, runs)
+    for part in ("data", "train"):
+        shutil.copytree(world.runs / part, runs / part)
     pack(world, "trees_features", runs)
     text = runs.parent / "page.md"
     text.write_text(TEXT)

@@ -44,6 +44,13 @@ def walk(world, tmp_path):
 
 
 @pytest.fixture
+def few(walk):
+    """Let the walk have six poses, for what is true of the files of any map."""
+    rows = (walk / "poses.csv").read_text().splitlines(keepends=True)
+    (walk / "poses.csv").write_text("".join(rows[:7]))
+
+
+@pytest.fixture
 def made(packed, walk, tmp_path):
     """Return `map_survey` of the walk."""
     return partial(map_survey, survey=walk, bundle=packed, runs=tmp_path / "runs")
@@ -92,7 +99,7 @@ def test_the_map_is_what_the_scorer_finds(packed, walk, made, capsys):
 
 
 def test_a_finished_map_is_shown_again_and_another_survey_makes_another(
-    made, walk, tmp_path, capsys
+    few, made, walk, tmp_path, capsys
 ):
     def inodes():
         return {path.name: path.stat().st_ino for path in folder.iterdir()}
@@ -146,14 +153,16 @@ def test_times_and_directions_alone_make_no_map_but_are_judged_by_their_truth(ma
     assert about(folder)["points"] == about(folder)["lines"] == 0
 
 
-def test_a_map_killed_at_its_first_file_is_made_again(made, tmp_path):
+def test_a_map_killed_at_its_first_file_is_made_again(few, made, tmp_path):
     left = tmp_path / "runs" / "maps" / "walk-small" / ".map.csv.0123456789ab.tmp"
     left.parent.mkdir(parents=True)
     left.write_bytes(b"index")
     assert sorted(content(made())) == FILES
 
 
-def test_of_two_maps_at_once_the_second_waits_and_replaces_the_first(made, world, tmp_path, capfd):
+def test_of_two_maps_at_once_the_second_waits_and_replaces_the_first(
+    few, made, world, tmp_path, capfd
+):
     """None is a mixture; that the map was another's is told, whoever asks."""
     other = made(survey=world.runs / "survey" / "hall_-10dB", runs=tmp_path / "o", name="one")
     expected = content(made(runs=tmp_path / "same", name="one"))
@@ -183,7 +192,7 @@ def test_of_two_maps_at_once_the_second_waits_and_replaces_the_first(made, world
         ("map.svg", Path.mkdir, "map.svg=no plain file: must be a file of a map, or none"),
     ],
 )
-def test_nothing_is_rewritten_before_it_is_known_that_all_can_be(name, put, message, made):
+def test_nothing_is_rewritten_before_it_is_known_that_all_can_be(few, name, put, message, made):
     folder = made()
     (folder / name).unlink(missing_ok=True)
     put(folder / name)
@@ -205,7 +214,7 @@ def test_what_is_no_map_is_left_alone(made, tmp_path):
         made(runs=Path("/dev/null"))
 
 
-def test_a_finished_map_gets_its_bag_and_loses_it_again(made):
+def test_a_finished_map_gets_its_bag_and_loses_it_again(few, made):
     plain = content(made())
     folder = made(ros=True)
     with_bag = content(folder)
@@ -451,7 +460,7 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(
     assert content(tmp_path / "runs") == {}
 
 
-def test_a_survey_that_changes_while_it_is_mapped_is_no_map(made, walk, tmp_path, monkeypatch):
+def test_a_survey_that_changes_while_it_is_mapped_is_no_map(few, made, walk, tmp_path, monkeypatch):
     def meanwhile(*given, **named):
         found = score_survey(*given, **named)
         with (walk / "poses.csv").open("a") as file:

@@ -51,7 +51,7 @@ def foreign(world, packed, tmp_path, monkeypatch):
 
 
 def test_a_run_from_elsewhere_is_examined_once_and_predicts_the_same(
-    world, foreign, capsys, monkeypatch, state
+    world, foreign, capsys, monkeypatch, shared
 ):
     folder = foreign()
     x = np.random.default_rng(0).standard_normal((2000, 4))
@@ -62,7 +62,7 @@ def test_a_run_from_elsewhere_is_examined_once_and_predicts_the_same(
     load_scorer(folder)
     assert capsys.readouterr().err == ""
     # The same run, as one that was made here.
-    monkeypatch.setenv("XDG_STATE_HOME", str(state))
+    monkeypatch.setenv("XDG_STATE_HOME", str(shared / "state"))
     assert np.array_equal(load_scorer(folder)(x), found)
     assert capsys.readouterr().err == ""
 
