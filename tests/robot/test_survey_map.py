@@ -230,7 +230,7 @@ def test_without_the_library_of_bags_nothing_is_done(tmp_path, monkeypatch, caps
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     monkeypatch.delitem(sys.modules, "echolearn.mapping.files.mcap", raising=False)
     monkeypatch.chdir(tmp_path)
-    assert main(["map", "survey=nowhere", "bundle=nowhere", "ros=true"]) == 1
+    assert main(["map", "survey=nowhere", "bundle=runs/nowhere", "ros=true"]) == 1
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "ros=true: needs rosbags; pip install 'echolearn[ros]'" in said
     assert [*tmp_path.iterdir()] == []
