@@ -51,12 +51,15 @@ def problem(inputs, *, rows, seed):
     """Draw rows whose every entry tells a little, in units of very different size."""
     rng = np.random.default_rng(seed)
     y = rng.random(rows) < 0.5
-    shapes = {"covariance": (4, 36), "map": (MAP_SECTORS + 3, 16)}
+    shapes = {"covariance": (4, 36), "map": (MAP_SECTORS + 3, 16), "pose": (5, 14)}
     shape = shapes.get(view_of(inputs), (len(inputs),))
     push = 0.5 if len(shape) == 2 else 2.2
     scale = 10.0 ** np.linspace(-3, 2, shape[-1])
     x = rng.normal(size=(rows, *shape)) + push * y.reshape(-1, *[1] * len(shape))
-    return (x * scale + scale).astype(np.float32), y
+    x = (x * scale + scale).astype(np.float32)
+    if view_of(inputs) == "pose":
+        x[..., 0] = 1.0  # all candidates are there
+    return x, y
 
 
 def learn(model, folder):
@@ -110,7 +113,7 @@ def test_the_configurations_of_the_plan_are_there():
 def test_configuration_is_a_call_that_can_be_made_as_it_stands(name):
     text = (config.folder() / "classifier" / f"{name}.yaml").read_text()
     assert text.startswith("_target_: echolearn.classifiers.methods.")
-    views = {"covnet": "covariance", "mapnet": "map"}
+    views = {"covnet": "covariance", "mapnet": "map", "posenet": "pose"}
     view = views.get(name.partition("_")[0], "features")
     assert view_of(config.build(plain(name), "classifier").inputs) == view
 

@@ -11,8 +11,10 @@ from echolearn.acoustics.rooms import true_echoes
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import MicArray, Pose, Room
 from echolearn.dataset.plans import GridPlan, ScatteredPlan
+from echolearn.localization.localize import localize
 from echolearn.localization.methods.gated import Gated
 from echolearn.simulation.noise.white import White
+from echolearn.simulation.observe import observe
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
 from echolearn.training.split import LearningProblem
@@ -96,3 +98,23 @@ def test_an_array_beside_its_loudspeaker_holds_the_label_itself(tmp_path):
     assert "time_and_direction" in np.load(next(dataset.folder.glob("*.npy"))).dtype.names
     label = dataset["time_and_direction"]
     assert label.tolist() == [looked_at(dataset, row, plan) for row in range(len(dataset))]
+
+
+def test_candidates_of_a_set_are_those_that_a_robot_makes_of_a_recording(tmp_path):
+    plan = PLANS["several"]
+    dataset = write_set(plan, tmp_path)
+    rows = np.array([14, 3, 13])  # of the 5th and the 2nd observation
+    found = dataset.gather("candidates", rows)
+    for row, tensor in zip(rows, found, strict=True):
+        rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(row // 3,)))
+        spot = plan.spot(row // 3, rng)
+        about = {"scene": plan.scene, "levels": spot.levels, "rng": rng, "gain_db": spot.gain_db}
+        heard, _ = observe(spot.room, spot.pose, **about)
+        alone = replace(heard, samples=heard.samples[None])
+        _, columns = localize(alone, plan.localizer, names=["candidates"])
+        assert np.allclose(columns["candidates"][row % 3], tensor, rtol=1e-3, atol=1e-4)
+    assert dataset.holds(["candidates"]) and dataset.echoes == 3
+    assert np.array_equal(dataset["candidates"][rows], found)
+    # An echo alone has no company.
+    alone = write_set(PLANS["without a floor"], tmp_path)["candidates"]
+    assert (alone[:, 0, 0] == 1).all() and not alone[:, 1:].any()

@@ -77,6 +77,7 @@ def test_every_column_and_tensor_is_there_and_no_other():
     for name in EVERY_TENSOR:
         assert columns[name].shape == (2, *tensor_shape(name, 6))
     assert columns.pop("correlation_map").dtype == np.float16
+    assert columns.pop("candidates").dtype == np.float32
     for name in {*EVERY_TENSOR} & {*columns}:
         microphones = 7 if name == "covariance_steered_ideal" else 6
         assert columns[name].dtype == np.float32

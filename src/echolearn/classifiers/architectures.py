@@ -16,7 +16,11 @@ from echolearn.checks import check, check_fields, check_list, check_whole
 
 
 class Recipe(Protocol):
-    """What makes a network."""
+    """What makes a network.
+
+    A recipe may also have `scale(x)`, which returns the module from raw training inputs (B, *shape)
+    to what the network is given; without it each entry is standardised by itself.
+    """
 
     def __call__(self, shape: tuple[int, ...]) -> nn.Module:
         """Return the network for rows of `shape`: (B, *shape) float32 to logits (B,)."""

@@ -19,10 +19,12 @@ from echolearn.localization.columns import TENSOR_VIEWS
 FEATURES = "features"
 COVARIANCE = "covariance"
 MAP = "map"
+POSE = "pose"
 VIEWS = {
     FEATURES: "columns",
     COVARIANCE: "(B, bands, M * M)",
     MAP: "(B, sectors + 1 + M, lags)",
+    POSE: "(B, candidates, K)",
 }
 """What a classifier can look at; of tensors the shape."""
 

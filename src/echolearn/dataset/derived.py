@@ -1,4 +1,6 @@
-"""The label `time_and_direction`, derived from what a set's records say of the truth.
+"""What is derived from a set's records when it is read: a label, and the candidates of a pose.
+
+The label `time_and_direction` comes from what they say of the truth.
 
 An echo is true if it arrives within 10 samples of a wall's echo *and* from within 10 degrees of it
 (`evaluation.matching.agree`). Sets of before need not be made again: a record has the room, the
@@ -6,6 +8,9 @@ robot's pose in it, and the time of each wall's echo at microphone 1, and the wa
 the loudspeaker gives its direction. That is seen from the loudspeaker, in a box; sets of other
 rooms, or whose microphones have another middle, hold the label as a column of their own. What the
 array cannot tell apart counts as one; manifests of before do not tell it, and then it tells all.
+
+The tensor `candidates` of an echo is made of the columns of all echoes of its observation, as it is
+on a robot (`localization.candidates`).
 """
 
 from collections.abc import Callable, Mapping
@@ -16,6 +21,7 @@ import numpy as np
 from echolearn.acoustics.geometry import wrap
 from echolearn.acoustics.types import Array, MicArray, Truth
 from echolearn.evaluation.matching import TOA_TOLERANCE_SAMPLES, UNMATCHED, agree
+from echolearn.localization.candidates import NEEDED, candidates
 
 NAME = "time_and_direction"
 
@@ -50,6 +56,20 @@ def time_and_direction(
     wall = gather("wall")
     own = np.take_along_axis(fits, np.maximum(wall, 0)[:, None], axis=1)[:, 0]
     return own & (wall != UNMATCHED)
+
+
+def candidates_of(gather: Callable[[str, Array], Array], rows: Array, *, echoes: int) -> Array:
+    """Return the tensor `candidates` of some records, shape (B, candidates, K).
+
+    Args:
+        gather: returns a field of records, by its name and their numbers.
+        rows: numbers of the records, shape (B,).
+        echoes: records of each observation, one after the other.
+    """
+    poses, own = np.divmod(rows, echoes)
+    beside = (poses[:, None] * echoes + np.arange(echoes)).ravel()
+    columns = {name: gather(name, beside) for name in NEEDED}
+    return candidates(columns, echoes=echoes)[np.arange(len(rows)) * echoes + own]
 
 
 def present(plan: Mapping[str, Any]) -> Array:

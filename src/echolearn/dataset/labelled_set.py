@@ -67,7 +67,14 @@ class Dataset:
 
     def holds(self, names: Collection[str]) -> bool:
         """Return whether every record has all of these columns and tensors."""
-        return {*names} <= {*(self._shards[0].dtype.names or ())}
+        # Candidates are made of columns that every set has.
+        return {*names} - {"candidates"} <= {*(self._shards[0].dtype.names or ())}
+
+    @property
+    def echoes(self) -> int:
+        """Number of records of each observation."""
+        echoes = self.manifest["plan"]["localizer"].get("echoes", 1)
+        return echoes if isinstance(echoes, int) else 1
 
     @cached_property
     def array(self) -> MicArray | None:
@@ -107,6 +114,8 @@ class Dataset:
             several = "wall" in (known.names or ())
             about: Any = {"several": several, "array": self.array}
             return derived.time_and_direction(read, self.manifest["plan"], **about)
+        if name == "candidates":
+            return derived.candidates_of(self.gather, rows, echoes=self.echoes)
         if name not in (known.names or ()):
             allowed = f"must be one of {', '.join(known.names or ())}"
             hint = "does the set come from an older version?"

@@ -50,6 +50,9 @@ estimated direction, so that an echo from there is all ones whatever its directi
 |---|---|---|
 | covariance_steered_ideal | (bands, (M + 1)(M + 1)) | that with an ideal echo as microphone M + 1 |
 | correlation_map          | (sectors + 1 + M, lags) | J about the echo over its competitor |
+
+`candidates`, (`CANDIDATES`, K), holds an echo and those estimated beside it. It is made of columns,
+so every set gives it, whenever it was made.
 """
 
 COVARIANCE_BANDS = 16
@@ -60,6 +63,12 @@ MAP_SECTORS = 36
 
 MAP_LAGS = 64
 """Columns of a correlation map."""
+
+CANDIDATES = 8
+"""Echoes of a pose that one of them sees, itself among them."""
+
+CANDIDATE_ENTRIES = 14
+"""Numbers that tell of each of them."""
 
 UNITS = {
     "toa": "s",
@@ -119,9 +128,12 @@ TENSORS = ("covariance", "covariance_gated", "covariance_steered")
 FURTHER_TENSORS = ("covariance_steered_ideal", "correlation_map")
 """Tensors that a plan may ask for besides."""
 
-EVERY_TENSOR = (*TENSORS, *FURTHER_TENSORS)
+EVERY_TENSOR = (*TENSORS, *FURTHER_TENSORS, "candidates")
 
-TENSOR_VIEWS = dict.fromkeys(EVERY_TENSOR, "covariance") | {"correlation_map": "map"}
+TENSOR_VIEWS = dict.fromkeys(EVERY_TENSOR, "covariance") | {
+    "correlation_map": "map",
+    "candidates": "pose",
+}
 """What kind of tensor each is, as a bundle says it."""
 
 FURTHER = (*AGREEMENT, *FURTHER_TENSORS)
@@ -132,5 +144,7 @@ def tensor_shape(name: str, microphones: int) -> tuple[int, ...]:
     """Return the shape of one echo's tensor, heard by M microphones."""
     if name == "correlation_map":
         return (MAP_SECTORS + 1 + microphones, MAP_LAGS)
+    if name == "candidates":
+        return (CANDIDATES, CANDIDATE_ENTRIES)
     heard = microphones + name.endswith("_ideal")
     return (COVARIANCE_BANDS, heard**2)

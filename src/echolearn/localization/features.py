@@ -12,6 +12,7 @@ from echolearn.acoustics.signals import decibel
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.localization import beamforming
 from echolearn.localization.agreement import agreement_columns
+from echolearn.localization.candidates import candidates
 from echolearn.localization.columns import AGREEMENT, COLUMNS, EVERY_TENSOR, TENSORS
 from echolearn.localization.correlations import ratio
 from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
@@ -52,10 +53,13 @@ def describe(
         if len(views) > 1:
             columns |= neighbour_columns(view, echoes, rank=r)
         each.append(columns)
-    return {
+    found = {
         name: np.stack([columns[name] for columns in each], axis=1).reshape(-1, *first.shape[1:])
         for name, first in each[0].items()
     }
+    if "candidates" in names:
+        found["candidates"] = candidates(found, echoes=len(views))
+    return found
 
 
 def recording_columns(

@@ -119,7 +119,8 @@ class Network:
         """Train until the validation figure gets no better, and keep the best epoch."""
         rows = rows_of(examples.x, self.inputs)
         unseen, labels = examples.validation
-        scale = standardiser(rows)
+        # A recipe may know better what is alike in a row.
+        scale = getattr(self.net, "scale", standardiser)(rows)
         with seeded(examples.seed, accelerator=self.accelerator), without_remarks():
             best = examples.folder / "best.safetensors"
             training = Training(self.net(rows.shape[1:]), self, best=best)
