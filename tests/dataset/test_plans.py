@@ -166,7 +166,7 @@ BAD = {
         "plan.name=../paper": {"name": "../paper"},
         "plan.role=exam: must be training or grid or test": {"role": "exam"},
         "plan.further=covariance: must be a list of names": {"further": "covariance"},
-        "plan.further=['toa']: must be some of covariance_steered_ideal": {"further": ["toa"]},
+        "plan.further=['toa']: must be some of level, ": {"further": ["toa"]},
     },
     "scattered": {
         "plan.rows=0": {"rows": 0},
