@@ -289,6 +289,15 @@ def test_a_long_shard_is_computed_in_blocks(monkeypatch, plan, finished, tmp_pat
     np.testing.assert_allclose(found["joint"], whole["joint"], rtol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("rows", "sizes"), [(64, [16] * 4), (5, [5]), (1, [1]), (17, [8, 9]), (65, [16] * 4 + [1])]
+)
+def test_blocks_are_small_and_no_row_is_newly_alone(rows, sizes):
+    blocks = [*generation.blocks_of(range(3, 3 + rows))]
+    assert [len(block) for block in blocks] == sizes
+    assert [row for block in blocks for row in block] == [*range(3, 3 + rows)]
+
+
 def test_a_kill_costs_only_what_was_not_finished(finished, make, tmp_path):
     """SIGKILL once two of five shards stand. The same call again keeps them, and ends with the same
     bytes by any number of workers."""

@@ -49,6 +49,23 @@ def test_grids_by_hand():
     assert np.allclose(elevation, np.repeat([np.pi / 2, np.pi / 3, np.pi / 6], 4))
 
 
+# ---------------------------------------------------------------- covariances
+
+
+@pytest.mark.parametrize(("microphones", "length"), [(2, 882), (6, 5000), (5, 4411)])
+def test_compiled_covariances_are_sums_over_frames(microphones, length):
+    samples = np.random.default_rng(length).standard_normal((microphones, length))
+    hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(882) / 882)
+    expected = np.zeros((442, microphones, microphones), complex)
+    starts = range(0, length - 881, 441)
+    for start in starts:
+        spectra = np.fft.rfft(samples[:, start : start + 882] * hann)
+        for f in range(442):
+            expected[f] += np.outer(spectra[:, f], spectra[:, f].conj()) / len(starts)
+    for way in (beamforming.compiled_covariance, beamforming.plain_covariance):
+        assert np.allclose(way(samples), expected, atol=1e-5 * np.abs(expected).max(), rtol=0)
+
+
 # ---------------------------------------------------------------- matrices
 
 

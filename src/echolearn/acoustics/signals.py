@@ -80,11 +80,15 @@ def energy_under_probe(samples: Array, probe: Probe, *, first: int, last: int) -
 
 def stft(samples: Array, *, frame: int = STFT_FRAME) -> Array:
     """Return short-time spectra of (..., N): Hann window, half overlap, shape (..., F, T)."""
-    # A periodic window: its half-overlapping copies add up to a constant.
     hop = frame // 2
     frames = np.lib.stride_tricks.sliding_window_view(samples, frame, axis=-1)[..., ::hop, :]
-    window = np.hanning(frame + 1)[:-1].astype(samples.dtype)
-    return np.moveaxis(fft.rfft(frames * window, axis=-1), -1, -2)
+    windowed = frames * hann(frame).astype(samples.dtype)
+    return np.moveaxis(fft.rfft(windowed, axis=-1), -1, -2)
+
+
+def hann(frame: int) -> Array:
+    """Return the periodic Hann window: its half-overlapping copies add up to a constant."""
+    return np.hanning(frame + 1)[:-1]
 
 
 def convolve(samples: Array, response: Array, *, length: int) -> Array:
@@ -98,12 +102,17 @@ def convolve(samples: Array, response: Array, *, length: int) -> Array:
     # As long as the whole convolution, so that its end does not wrap around to the beginning.
     size = fft.next_fast_len(len(samples) + response.shape[-1] - 1, real=True)
     burst = fft.rfft(samples, size)
-    result = np.zeros((*response.shape[:-1], length))
-    # One response after the other: what belongs to one stays in the processor's cache.
-    for place in np.ndindex(response.shape[:-1]):
-        spectrum = np.multiply(burst, fft.rfft(response[place], size))
-        whole = fft.irfft(spectrum, size, overwrite_x=True)
-        result[place][:size] = whole[:length]
+    result = np.empty((*response.shape[:-1], length))
+    flat = result.reshape(-1, length)
+    responses = response.reshape(-1, response.shape[-1])
+    # Two at a time share the processor's vectors, and stay in its cache.
+    for first in range(0, len(flat), 2):
+        pair = slice(first, first + 2)
+        spectra = fft.rfft(responses[pair], size)
+        np.multiply(burst, spectra, out=spectra)
+        whole = fft.irfft(spectra, size, overwrite_x=True)
+        flat[pair, :size] = whole[:, :length]
+    flat[:, size:] = 0.0
     return result
 
 

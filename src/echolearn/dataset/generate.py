@@ -9,8 +9,10 @@ and any interruption. A shard is one structured array, a record per echo.
 
 import json
 import time
+from collections.abc import Iterator
 from contextlib import closing
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -27,8 +29,12 @@ from echolearn.storage.files import clean
 from echolearn.storage.identity import canonical, plain
 from echolearn.storage.once import presence
 
-BLOCK = 64
-"""Rows whose recordings are held at a time, 4.5 MB each with all that is computed from them."""
+BLOCK = 16
+"""Most rows whose recordings are held at a time: what is computed of few stays near the processor.
+"""
+
+ALIKE = 64
+"""Rows after which the first published sets began a new block."""
 
 PATIENCE = 60.0
 """Seconds until a file that another machine wrote must be seen."""
@@ -95,8 +101,20 @@ def _write(shard: int, *, plan: Plan, mark: Path) -> None:
     """Write one shard beside the mark by which a worker knows the folder."""
     check(mark.is_file(), "runs", mark.parent, allowed=SHARED)
     rows = range(len(plan))[shard * plan.shard_rows :][: plan.shard_rows]
-    blocks = [records(plan, rows[start : start + BLOCK]) for start in range(0, len(rows), BLOCK)]
+    blocks = [records(plan, block) for block in blocks_of(rows)]
     manifests.write_shard(mark.parent, shard, np.concatenate(blocks))
+
+
+def blocks_of(rows: range) -> Iterator[range]:
+    """Yield the rows that are computed together: few, and never one alone but where it always was.
+
+    A single row takes another way through matrix products, and so has other last bits.
+    """
+    for start in range(0, len(rows), ALIKE):
+        alike = rows[start : start + ALIKE]
+        count = -(-len(alike) // BLOCK)
+        ends = [len(alike) * part // count for part in range(count + 1)]
+        yield from (alike[first:last] for first, last in pairwise(ends))
 
 
 def _await(paths: list[Path]) -> None:

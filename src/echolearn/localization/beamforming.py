@@ -13,10 +13,12 @@ A Hermitian matrix is packed into M*M reals: the diagonal, then real and imagina
 upper triangle, so that quadratic forms of a whole block are one real matrix product per bin.
 """
 
+import sys
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy import fft
 
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import direction, far_field_delays
@@ -25,6 +27,9 @@ from echolearn.localization.silence import alike
 
 CACHED = 4
 """Recordings whose covariances are inverted together."""
+
+SMALL = 6
+"""Microphones up to which the sums of a covariance are compiled."""
 
 
 def azimuth_grid(azimuths: int) -> Array:
@@ -62,10 +67,26 @@ def recording_covariance(observation: Observation) -> Array:
     samples = observation.samples
     bins = signals.STFT_FRAME // 2 + 1
     found = np.empty((len(samples), bins, *2 * samples.shape[1:2]), dtype=np.complex64)
+    # The compiled way has the same bits, but for large arrays, of which sums go in another order.
+    compiled = "numba" in sys.modules and samples.shape[1] <= SMALL
+    of_one = compiled_covariance if compiled else plain_covariance
     # One recording after the other: the spectra of one stay in the processor's cache.
     for row, recording in enumerate(samples):
-        found[row] = covariance(signals.stft(recording.astype(np.float32)))
+        found[row] = of_one(recording)
     return found
+
+
+def plain_covariance(recording: Array) -> Array:
+    """Return R of one recording (M, N), shape (F, M, M)."""
+    return covariance(signals.stft(recording.astype(np.float32)))
+
+
+def compiled_covariance(recording: Array) -> Array:
+    """Return R of one recording (M, N), shape (F, M, M), with loops that Numba compiles."""
+    from echolearn.localization import covariance_loops
+
+    windowed = covariance_loops.frames(recording, signals.hann(signals.STFT_FRAME))
+    return covariance_loops.covariance(fft.rfft(windowed))
 
 
 def regularize(covariances: Array, gamma: float) -> Array:

@@ -86,13 +86,14 @@ def noises(
     levels.check_scene(scene)
     strength = signals.power(received)
     draw: dict[str, Any] = {"length": length, "sample_rate": scene.probe.sample_rate, "rng": rng}
-    total = np.zeros((len(scene.array), length))
 
     # The sensor noise comes first, so that a diffuse field beside it changes none of its samples.
     if levels.snr_db is not None:
         amplitude = np.sqrt(strength * 10.0 ** (-levels.snr_db / 10.0))
         total = _mean(scene.noise, scene.array, pings=levels.pings, **draw)
         total *= amplitude[:, None]
+    else:
+        total = np.zeros((len(scene.array), length))
 
     # One factor for all microphones: a level for each would destroy the proportions of the field.
     if scene.diffuse is not None and levels.sdnr_db is not None:
@@ -107,5 +108,6 @@ def _mean(noise: Noise, array: MicArray, *, pings: int, **draw: Any) -> Array:
     """Return the mean of independent draws of a noise, one for each ping, shape (M, N)."""
     # Gaussian noise has a mean that can be drawn at once: the header.
     if isinstance(noise, White | Coloured):
-        return noise(array, **draw) / np.sqrt(pings)
+        mean = noise(array, **draw)
+        return mean if pings == 1 else mean / np.sqrt(pings)
     return sum((noise(array, **draw) for _ in range(pings)), start=np.zeros(())) / pings

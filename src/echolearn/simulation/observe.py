@@ -70,12 +70,10 @@ def add_noise(
         rng: draws the noise.
         gain_db: gain of the recording, signal and noise alike.
     """
+    from echolearn.simulation.normal_loops import recorded
+
     noise = noises(received, scene, length=scene.probe.length, levels=levels, rng=rng)
-    # In place: a recording is a megabyte.
-    recorded = received - scene.direct
-    recorded += noise
-    recorded *= 10.0 ** (gain_db / 20.0)
-    return recorded
+    return recorded(received, scene.direct, noise, gain=10.0 ** (gain_db / 20.0))
 
 
 def noise_alone(

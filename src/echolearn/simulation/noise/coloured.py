@@ -41,7 +41,9 @@ class Coloured:
         # It takes half a second to import, and most noise is white.
         from scipy.signal import lfilter
 
-        white = rng.standard_normal((len(array), length))
+        from echolearn.simulation.normal_loops import standard_normal
+
+        white = standard_normal(rng, (len(array), length))
         a, b, gain = self.recursion(sample_rate)
         # What came before the first sample is drawn as well: the variance is 1 from the start.
         start = rng.standard_normal((len(array), 1))

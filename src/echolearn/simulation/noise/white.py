@@ -15,4 +15,6 @@ class White:
         self, array: MicArray, *, length: int, sample_rate: float, rng: np.random.Generator
     ) -> Array:
         """Return noise of unit variance, shape (M, length); white at any `sample_rate`."""
-        return rng.standard_normal((len(array), length))
+        from echolearn.simulation.normal_loops import standard_normal
+
+        return standard_normal(rng, (len(array), length))
