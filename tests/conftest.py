@@ -105,7 +105,7 @@ def world(shared):
 
 @pytest.fixture(scope="session")
 def comparison(world):
-    """Return its comparison, evaluated as `compare` does."""
+    """Return its comparison, evaluated as `compare` does, by two processes."""
     return small.evaluated(world)
 
 

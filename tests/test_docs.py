@@ -5,10 +5,14 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
+from runpy import run_path
 
 import pytest
+
+from echolearn.cli import config
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
@@ -52,10 +56,24 @@ def checked(place, *tests):
     return int(re.findall(r"(\d+) passed", run.stdout.decode())[-1])
 
 
-def test_shown_configurations_compose_build_and_have_all_keys(extended):
-    added = sum(name.endswith(".yaml") for name in FILES)
-    # They need no fixture, and so none of what fixtures load.
-    assert checked(extended, "tests/cli/test_configs.py", "--noconftest") >= 3 * added
+def test_shown_configurations_compose_build_and_have_all_keys(extended, monkeypatch):
+    """As those do that are there already, among which they are found."""
+    found_by = extended / "src" / "echolearn" / "cli" / "config.py"
+    monkeypatch.setitem(config.folder.__globals__, "__file__", str(found_by))
+    for name in FILES:
+        room = Path(name).parent
+        if room.parts[0] == "src":
+            package = import_module(".".join(room.parts[1:]))
+            monkeypatch.setattr(package, "__path__", [*package.__path__, str(extended / room)])
+    checks = run_path(str(ROOT / "tests" / "cli" / "test_configs.py"))
+    shown = [extended / name for name in FILES if name.endswith(".yaml")]
+    for path in shown:
+        assert path in checks["FILES"]
+        checks["test_every_file_begins_with_what_it_calls"](path)
+        checks["test_every_file_can_be_built"](path)
+        checks["test_every_file_shows_all_keys_of_what_it_calls"](path)
+        if path.parent.name == "plan":
+            checks["test_a_plan_is_named_after_its_file"](path.stem)
 
 
 @pytest.mark.release

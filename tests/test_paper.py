@@ -168,9 +168,9 @@ def test_half_of_the_paper_set_are_reflectors(on_grid):
 
 
 def test_a_third_of_the_planar_set_are_reflectors():
-    """Counted by position, since each of the 221 has nine rows."""
+    """Counted by position, by three of the nine rows of each of the 221."""
     plan = configured("paper_planar")
-    found = estimate(plan, range(len(plan)))
+    found = estimate(plan, range(0, len(plan), 3))
     groups, member = np.unique(found.group, return_inverse=True)
     shares = np.bincount(member, weights=found.reflector[:, 0]) / np.bincount(member)
     assert len(groups) == 221

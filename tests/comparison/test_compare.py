@@ -25,7 +25,7 @@ from echolearn.comparison.finding import find_set, find_survey
 from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings, pick, to_csv
 from echolearn.storage import manifests
 from echolearn.training.runs import load_runs
-from world import POSES, TRAINED, WALKS, coming_second, evaluated
+from world import POSES, TRAINED, WALKS, coming_second
 
 ABOUT = "role,method,split,target,kind,set_role,room,localizer"
 TABLES = {
@@ -167,11 +167,10 @@ def flip(path):
     path.write_bytes(bytes(content))
 
 
-def test_the_number_of_workers_changes_nothing(world, compared):
-    found = evaluated(world, workers=2)
-    made = report.make(found, drawings=draw_all(found), name="small")
-    made["results.csv"] = to_csv(found.rows, COLUMNS.split())
-    made["tests.csv"] = to_csv(found.tests, TEST_COLUMNS.split())
+def test_the_number_of_workers_changes_nothing(comparison, compared):
+    made = report.make(comparison, drawings=draw_all(comparison), name="small")
+    made["results.csv"] = to_csv(comparison.rows, COLUMNS.split())
+    made["tests.csv"] = to_csv(comparison.tests, TEST_COLUMNS.split())
     for name, content in made.items():
         assert (compared / name).read_bytes() == content, name
 
