@@ -63,6 +63,7 @@ FAULTS = {
     "sound": (lambda x: x, ""),
     "feet": (lambda x: x._replace(places=x.places / 0.3048), "feet"),
     "compass": (lambda x: x._replace(headings=np.pi / 2 - x.headings), "compass"),
+    "headings in turns": (lambda x: x._replace(headings=x.headings / (2 * np.pi)), "in turns"),
     "headings from y": (lambda x: x._replace(headings=x.headings + np.pi / 2), "counted from x"),
     "ring turned by one": (lambda x: x._replace(azimuth=x.azimuth + np.pi / 3), "microphone 1"),
     "ring mirrored": (lambda x: x._replace(azimuth=-x.azimuth), "other way round"),

@@ -29,6 +29,10 @@ def walk(seed, *, count=40):
 
 FAULTS = {
     "feet": (lambda x: x._replace(places=x.places / 0.3048), "x_m and y_m were in feet: are they?"),
+    "turns": (
+        lambda x: x._replace(headings=x.headings / (2 * np.pi)),
+        "would if heading_rad were in turns: is it?",
+    ),
     "centimetres": (lambda x: x._replace(places=100 * x.places), "were in cm: are they?"),
     "a compass": (
         lambda x: x._replace(headings=np.pi / 2 - x.headings),

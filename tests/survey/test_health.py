@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from by_hand import edit
+from echolearn.acoustics.types import Pose
 from echolearn.checks import BadValue
 from echolearn.simulation.walk import trajectory
 from echolearn.survey import audio
@@ -158,7 +159,17 @@ REFUSED = {
     "zeros": (
         False,
         lambda x: stretch(x, 3, start=700, put=0.0),
-        "lost samples=256 exact zeros in a row at all 6 microphones in recording 3: must be sound",
+        "lost samples=256 equal ones in a row at all 6 microphones in recording 3: must be sound",
+    ),
+    "zeros without their mean": (
+        False,
+        lambda x: stretch(x, 3, start=700, put=0.0) - 0.01,
+        "lost samples=256 equal ones in a row at all 6 microphones in recording 3: must be sound",
+    ),
+    "a buffer of one twice": (
+        True,
+        at(2, lambda x: stretch(x[:, None], 7, start=512, put=x[7, 256:512])[:, 0]),
+        "repeated samples=256 in recording 7: must be sound",
     ),
     "a buffer twice": (
         True,
@@ -302,6 +313,56 @@ def test_exchanged_microphones_are_found_along_a_walk(pair, recordings, direct, 
     [line] = examine(survey).refused
     named = "changed places=microphones {}, {} in recordings ".format(*pair)
     assert line.startswith(named) and "were plugs exchanged?" in line
+
+
+@pytest.mark.parametrize(
+    ("direct", "change", "keys", "said"),
+    [
+        (
+            True,
+            late(3),
+            {"direct_path": "removed"},
+            "would, 3.0 samples late, in all 8 recordings:",
+        ),
+        (
+            False,
+            at(3, lambda x: 0.1 * x, recordings=slice(4, None)),
+            {},
+            "the level of microphone 3 changes by -20 dB against the others on the way: was a gain",
+        ),
+        (True, lambda x: x, {"microphones": (100 * ARRAY.positions).tolist()}, "=40 m apart: must"),
+        (
+            False,
+            lambda x: x,
+            {"walls": [[0, 0], [800, 0], [800, 600], [0, 600]]},
+            "walls=800 m apar",
+        ),
+    ],
+)
+def test_what_seems_wrong_is_noticed(direct, change, keys, said, tmp_path):
+    survey = write(tmp_path / "walk", change(walk(direct=direct)), direct=direct)
+    edit(survey.folder, **keys)
+    assert said in "".join(examine(read_survey(survey.folder)).noticed)
+
+
+def test_poses_that_stand_still_while_echoes_move_are_noticed(tmp_path):
+    """Degrees of latitude, say; whoever stands still hears the same walls again."""
+    for name, sound in (
+        ("moves", walk(direct=False, poses=24)),
+        ("still", np.repeat(walk(direct=False)[:1], 24, 0)),
+    ):
+        noise = sound.std() / 10 * np.random.default_rng(3).standard_normal(sound.shape)
+        poses = [Pose(np.array([48.1, 11.5 + 1e-6 * step, 1.2])) for step in range(24)]
+        survey = write(tmp_path / name, sound + noise, direct=False, poses=poses)
+        said = "".join(examine(survey).noticed)
+        assert ("are x_m and y_m filled in" in said) == (name == "moves")
+
+
+def test_a_gain_that_follows_the_sound_hides_no_direct_path(tmp_path):
+    """Softer by 30 dB than in the others, it is where it always is."""
+    gains = 10 ** (np.array([0, 0, -30, 0, -20, 0, -6, 0]) / 20)
+    survey = write(tmp_path / "walk", gains[:, None, None] * walk(direct=True), direct=True)
+    assert examine(survey).refused == ()
 
 
 def test_where_noise_hides_the_direct_path_nothing_is_refused(tmp_path):

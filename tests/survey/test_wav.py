@@ -215,3 +215,39 @@ def test_any_header_is_read_or_refused(content, changes, cut):
         assert str(refused).isprintable() and len(str(refused)) < 200
     else:
         assert samples.ndim == 2 and samples.size <= len(content)
+
+
+SOUND = np.random.default_rng(2).normal(0.0, 0.1, (4000, 3))
+
+
+@pytest.mark.parametrize(
+    ("data", "width", "said"),
+    [
+        ((SOUND * 2**15).astype(">i2").tobytes(), 2, "stand in the other order, or are moved by"),
+        ((SOUND * 2**31).astype(">i4").tobytes(), 4, "stand in the other order, or are moved by"),
+        (b"\0" + (SOUND * 2**15).astype("<i2").tobytes()[:-1], 2, "order, or are moved by one"),
+        ((SOUND * 2**15 + 2**15).astype("<u2").tobytes(), 2, "its numbers have no sign"),
+        (SOUND.astype("<f4").tobytes(), 4, "floating-point ones, though its header says PCM"),
+    ],
+)
+def test_numbers_that_are_not_what_the_header_says_are_refused(data, width, said):
+    with pytest.raises(ValueError, match=said):
+        wav.read(file(data, width=width))
+
+
+@pytest.mark.parametrize("crest", [0.1, 0.3, 10.0])
+@pytest.mark.parametrize("width", [2, 4])
+def test_loud_sound_is_what_its_header_says(width, crest):
+    """Also a tone at full scale, and sound that is clipped nearly everywhere."""
+    top = 2 ** (8 * width - 1) - 1
+    tone = np.sin(np.arange(12000) / 7.0).reshape(-1, 3)
+    for sound in (tone, np.clip(SOUND / crest * 3, -1, 1)):
+        _, read = wav.read(file((sound * top).astype(f"<i{width}").tobytes(), width=width))
+        assert np.abs(read.T - sound).max() < 1e-4
+
+
+def test_a_chunk_of_odd_length_may_lack_its_zero():
+    whole = WHOLE[:20] >> 8
+    odd = b"LIST" + struct.pack("<I", 5) + b"title"
+    for before in (odd, odd + b"\0"):
+        assert (whole_of(file(words(whole, 2), before=before), 16) == whole).all()

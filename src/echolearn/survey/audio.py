@@ -29,6 +29,10 @@ LOUDEST = 1e12
 LOUD = "is it in another format than its header says?"
 """What samples may reach, whose squares and products a computer still holds, and what to ask."""
 
+MORE = "has it more channels than survey.yaml has microphones, or is it longer than probe.wav?"
+SHORTER = "did the recorder stop early? probe.wav is as long as a recording"
+"""What to ask where a recording has another shape than is wanted."""
+
 HEADERS = 1 << 16
 """Bytes besides its samples that a recording may have."""
 
@@ -45,7 +49,7 @@ def read_recording(path: Path, sample_rate: float, *, shape: tuple[int, int]) ->
         BadValue: as `read_wav` and `read_flac`, or another number of channels or samples.
     """
     # No sample has more than 8 bytes, so a larger file cannot be what is wanted.
-    check_size(path, min(LARGEST, 8 * shape[0] * shape[1] + HEADERS))
+    check_size(path, min(LARGEST, 8 * shape[0] * shape[1] + HEADERS), hint=MORE)
     if path.suffix.lower() == ".flac":
         samples = read_flac(path, sample_rate, shape=shape)
     else:
@@ -68,8 +72,22 @@ def _content(path: Path) -> bytes:
     check_size(path, LARGEST)
     try:
         return path.read_bytes()
+    except FileNotFoundError:
+        raise BadValue(
+            f"{path}: cannot be read (there is no such file{_elsewhere(path)})"
+        ) from None
     except OSError as error:
         raise BadValue(f"{path}: cannot be read as WAV ({one_line(error)})") from None
+
+
+def _elsewhere(path: Path) -> str:
+    """Return where a file may be that is not where it is said to be, to be asked."""
+    if "\\" in path.name:
+        return "; names are written with / between folders"
+    beside = [path.parent / "observations", *path.parents[:2]]
+    named = [place / f"{path.name}{ending}" for place in beside for ending in ("", ".wav", ".flac")]
+    found = [each for each in named if each.is_file()]
+    return f"; is it {found[0]}?" if found else ""
 
 
 def wav_pieces(path: Path, sample_rate: float, *, samples: int) -> Iterator[Array]:
@@ -114,7 +132,7 @@ def wav_samples(
         raise BadValue(f"{name}: cannot be read as WAV ({one_line(error)})") from None
     _check_rate(name, rate, wanted=sample_rate)
     finite = bool(np.isfinite(samples).all())
-    check(finite, name, "NaN or infinity", allowed="must be finite samples")
+    check(finite, name, "NaN or infinity", allowed="must be finite samples", hint=LOUD)
     loudest = np.abs(samples).max(initial=0.0)
     allowed = f"must be samples of at most {LOUDEST:g}; full scale is 1"
     check(loudest <= LOUDEST, name, f"{loudest:g}", allowed=allowed, hint=LOUD)
@@ -173,12 +191,11 @@ def _check_rate(name: str, rate: float, *, wanted: float) -> None:
 
 
 def _check_shape(path: Path, shape: tuple[int, ...], *, wanted: tuple[int, int]) -> None:
-    check(
-        shape == wanted,
-        str(path),
-        shape,
-        allowed=f"must be {wanted[0]} channels of {wanted[1]} samples",
-    )
+    hint = SHORTER if shape[0] == wanted[0] and shape[1] < wanted[1] else MORE
+    if shape[0] < wanted[0]:
+        hint = "are files of some microphones elsewhere?"
+    allowed = f"must be {wanted[0]} channels of {wanted[1]} samples"
+    check(shape == wanted, str(path), shape, allowed=allowed, hint=hint)
 
 
 def undecided_words(path: Path) -> NDArray[Any] | None:
@@ -195,7 +212,7 @@ def undecided_words(path: Path) -> NDArray[Any] | None:
         return None
 
 
-def check_size(path: Path, limit: int) -> None:
+def check_size(path: Path, limit: int, *, hint: str = "") -> None:
     """Raise `BadValue` if a file is too large or no plain file.
 
     One that is missing is left to its reader.
@@ -203,7 +220,8 @@ def check_size(path: Path, limit: int) -> None:
     if path.exists():
         check(path.is_file(), str(path), "no plain file", allowed="must be a file")
         size = path.stat().st_size
-        check(size <= limit, str(path), f"{size} bytes", allowed=f"must be at most {limit} bytes")
+        allowed = f"must be at most {limit} bytes"
+        check(size <= limit, str(path), f"{size} bytes", allowed=allowed, hint=hint)
 
 
 def longest(channels: int) -> int:

@@ -154,13 +154,13 @@ def _overflowed(walk: Walk, found: Verdicts) -> None:
 
 def _lost(walk: Walk, found: Verdicts) -> None:
     """Refuse recordings that carry the marks of lost samples."""
-    zeros = np.where(walk.used, walk.levels.zeros, 0)
-    if zeros.any():
+    still = np.where(walk.used, walk.levels.still, 0)
+    if still.any():
         line = (
-            f"lost samples={zeros.max()} exact zeros in a row at {_where(walk, zeros > 0)}: must "
+            f"lost samples={still.max()} equal ones in a row at {_where(walk, still > 0)}: must "
             "be sound; did the recorder drop a buffer?"
         )
-        found.refuse(zeros.any(axis=0), "samples lost", line)
+        found.refuse(still.any(axis=0), "samples lost", line)
     repeated = np.asarray(walk.levels.repeated)
     if repeated.any():
         where = naming.recordings(walk.numbers, repeated > 0)

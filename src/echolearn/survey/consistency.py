@@ -31,6 +31,8 @@ TOWARD = np.deg2rad(25)
 PHASES = 24
 FEET = 0.3048
 CENTIMETRES = 0.01
+TURNS = 2 * np.pi
+"""m of a unit of x and y, and rad of one of headings."""
 
 FEWEST = 12
 SURE = 2.5
@@ -42,14 +44,14 @@ class Reading(NamedTuple):
     """How a survey may be meant.
 
     Attributes:
-        sense: a, -1 where headings count clockwise.
+        sense: a, -1 where headings count clockwise, `TURNS` where they are in turns.
         order: b, -1 where microphones do.
         phi: by which directions are turned, in rad.
         scale: s, metres of a unit of x and y.
         row: 1 where recordings belong to the pose before theirs, -1 to the one after.
     """
 
-    sense: int = 1
+    sense: float = 1
     order: int = 1
     phi: float = 0.0
     scale: float = 1.0
@@ -93,6 +95,7 @@ def _readings() -> Iterator[Reading]:
     yield AS_IT_IS
     for scale in (FEET, CENTIMETRES):
         yield Reading(scale=scale)
+    yield Reading(sense=TURNS)
     for row in (1, -1):
         yield Reading(row=row)
     for sense, order in ((-1, 1), (-1, -1), (1, -1)):
@@ -105,6 +108,8 @@ def _told(reading: Reading) -> str:
     if reading.scale != 1.0:
         unit = "feet" if reading.scale == FEET else "cm"
         return f" if x_m and y_m were in {unit}: are they?"
+    if reading.sense == TURNS:
+        return " if heading_rad were in turns: is it?"
     if reading.row:
         beside = "before" if reading.row > 0 else "after"
         return f" with the pose of the row {beside} each: are files one row off?"

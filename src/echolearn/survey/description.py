@@ -55,7 +55,9 @@ Loader.add_implicit_resolver(
 LEVEL = partial(check_number, low=-200.0, high=200.0, unit="dB", hint=UNKNOWN)
 
 TABLE = {
-    "sample_rate": partial(check_number, low=1000.0, high=400_000.0, unit="Hz"),
+    "sample_rate": partial(
+        check_number, low=1000.0, high=400_000.0, unit="Hz", hint="is it in kHz?"
+    ),
     "speed_of_sound": check_sound_speed,
     "microphones": partial(check_metres, shape=(-1, 3)),
     "loudspeaker": partial(check_metres, shape=(3,)),

@@ -89,8 +89,9 @@ def strongest(outputs: Array, noise: Array, *, positions: Array) -> Strongest:
     sides = 2 * reach + BESIDE
     heard = np.pad(outputs / noise[:, None], ((0, 0), (sides, sides)))
     # All microphones hear an echo within the array's width, whoever they are.
-    power = np.sum(heard**2, axis=0)
-    around = np.convolve(power, np.ones(2 * reach + 1), "same")
+    summed = np.pad(np.cumsum(np.sum(heard**2, axis=0)), (reach + 1, reach), mode="edge")
+    summed[: reach + 1] = 0.0
+    around = summed[2 * reach + 1 :] - summed[: -2 * reach - 1]
     rows = []
     for _ in range(ECHOES):
         place = int(around[sides:-sides].argmax()) + sides
@@ -129,18 +130,18 @@ def _echo_at(heard: Array, delays: Array, *, reach: int) -> tuple[Array, float, 
     at = np.rint((lags + delays[..., None]) * FINER).astype(int)
     # Row m, column k: what microphone m would add were it at the place of k.
     added = finer[:, at].swapaxes(1, 2)
-    usual = added[np.arange(count), np.arange(count)].sum(axis=0)
-    highest = [
-        np.abs(usual - added[i, i] - added[j, j] + added[i, j] + added[j, i]).max()
-        for i, j in pairs_of(count)
-    ]
+    own = added[np.arange(count), np.arange(count)]
+    usual = own.sum(axis=0)
+    gained = added - own[:, None]
+    first, second = np.array(pairs_of(count)).T
+    highest = np.abs(usual + gained[first, second] + gained[second, first]).max(axis=(1, 2))
     toward, place = np.unravel_index(int(np.abs(usual).argmax()), usual.shape)
     best = float(np.abs(usual[toward, place]))
-    if max(best, *highest) < SEEN * np.sqrt(count):
+    if max(best, float(highest.max())) < SEEN * np.sqrt(count):
         return np.full(len(highest), np.nan), np.nan, np.nan
     # Only the first ones are level.
     azimuth = 2 * np.pi * float(toward) / DIRECTIONS if toward < DIRECTIONS else np.nan
-    return np.array(highest) / best - 1.0, float(lags[place]), azimuth
+    return highest / best - 1.0, float(lags[place]), azimuth
 
 
 def exchanged(louder: Array) -> Exchange | None:

@@ -17,7 +17,7 @@ import numpy as np
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue
 from echolearn.storage.advice import assignment
-from echolearn.survey import levels, naming, played, removal, time_zero
+from echolearn.survey import hidden, levels, naming, played, removal, time_zero
 from echolearn.survey.arrivals import arrivals
 from echolearn.survey.audio import undecided_words
 from echolearn.survey.channels import judge_channels
@@ -132,7 +132,8 @@ def examine(survey: Survey) -> Health:
         noticed=(
             *verdicts.noticed,
             *zero.noticed,
-            *_moving(walk),
+            *(() if _half_turned(mending) else _moving(walk)),
+            *hidden.hidden_lines(walk, verdicts.alive),
             *_reversed(signs, walk.numbers),
             *removal.removal_lines(survey, removed),
         ),
@@ -202,6 +203,11 @@ def _mending(walk: Walk, zero: TimeZero, *, used: Array, calibration: float) -> 
         offset=levels.steady(walk.levels) & used,
         tones=levels.humming(walk.tones, walk.levels),
     )
+
+
+def _half_turned(mending: Mending) -> bool:
+    """Tell whether microphones were turned against one another, which hides whence echoes come."""
+    return bool((mending.sign != mending.sign[:, :1]).any())
 
 
 def _negative(sign: Array) -> float:

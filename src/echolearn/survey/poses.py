@@ -61,7 +61,8 @@ def read_number(
     low = -most if least is None else least
     text = str(cell or "").strip()
     try:
-        number = float(text)
+        # Python itself would take 1_0 for ten.
+        number = float(text.replace("_", " "))
     except ValueError:
         number = math.nan
         hint = BY_POINT
@@ -154,6 +155,8 @@ def read_poses(path: Path) -> Poses:
         raise
     except (OSError, ValueError, csv.Error) as error:
         reason = f"{one_line(error):.200}"
+        if isinstance(error, UnicodeDecodeError):
+            reason = "it is not UTF-8; save it as CSV UTF-8"
         columns = ",".join(CELLS)
         raise BadValue(f"{path}: cannot be read ({reason}); its columns are {columns}") from None
     check(len(rows) > 0, str(path), "no rows", allowed="must hold at least one pose")
@@ -190,7 +193,9 @@ def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
         columns = [name.strip() for name in table.fieldnames or ()]
         missing = [name for name in CELLS if columns and name not in columns]
         allowed = f"must have the columns {','.join(CELLS)}"
-        hint = "is it separated by commas?"
+        small = [name.lower() for name in columns]
+        written = all(name in small for name in CELLS)
+        hint = "are they written small?" if written else "is it separated by commas?"
         check(not missing, str(path), f"without {', '.join(missing)}", allowed=allowed, hint=hint)
         table.fieldnames = columns
         lacking = [name for name in APART if name not in columns]

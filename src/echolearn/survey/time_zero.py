@@ -42,7 +42,12 @@ JOINT = 9.0
 """The same as `SEEN` for the root of the summed squares of all microphones, which is larger."""
 
 FARTHEST = 1.0
-"""m by which a loudspeaker may have been measured wrongly."""
+MOSTLY = 0.9
+"""m by which a loudspeaker may have been measured wrongly, and share of the direct paths that it
+must then explain."""
+
+SPARED = 5.0
+"""Samples from its usual lag within which a soft direct path is one."""
 
 LOUD = 12.0
 """Height over the noise at which a direct path as loud as in other recordings would be seen."""
@@ -156,9 +161,9 @@ def time_zero_of(
 
     allowed = max(0.5, PLACED * sample_rate / speed)
     unit = _Unit(sample_rate, speed)
-    missing = _missing(direct, used)
-    lines = _lost(numbers, missing)
     middle = _middle(latency)
+    missing = _missing(direct, used) & ~_there(latency, middle, allowed=allowed)
+    lines = _lost(numbers, missing)
     off = latency - middle[:, None]
     wrong = (np.abs(off) > allowed + 5 * doubt) & ~missing[:, None]
     wrong &= _again(wrong, direct, count=int(seen.sum()))
@@ -211,6 +216,21 @@ def _middle(latency: Array) -> Array:
     return np.take_along_axis(ordered, place[:, None], axis=-1)[:, 0]
 
 
+def _there(latency: Array, middle: Array, *, allowed: float) -> Array:
+    """Tell where a direct path, however soft, arrives as it always does, shape (P,), bool.
+
+    A gain that was turned down softens it.
+
+    Args:
+        latency: shape (P, M); NaN where it is not seen.
+        middle: the median microphone's, shape (P,).
+        allowed: samples by which microphones may differ.
+    """
+    usual = np.abs(middle - np.nanmedian(middle)) < SPARED
+    spread = np.nanmax(np.abs(latency - middle[:, None]), axis=-1, initial=0.0)
+    return np.asarray(usual & (spread <= allowed))
+
+
 def _missing(direct: Direct, used: Array) -> Array:
     """Tell which recordings have no direct path where it would be seen, shape (P,), bool.
 
@@ -251,9 +271,10 @@ def moved_loudspeaker(off: Array, positions: Array | None, *, unit: _Unit, allow
         rest = ways - (away - np.linalg.norm(around, axis=1) + moved[3])
         slope = np.column_stack([-apart / np.maximum(away, 1e-3)[:, None], np.ones(len(away))])
         moved += np.linalg.lstsq(slope, rest, rcond=1e-3)[0]
-    distance = float(np.linalg.norm(moved[:3]))
-    explained = bool(np.abs(rest).max() <= allowed * metre)
-    if not explained or len(ways) <= np.linalg.matrix_rank(slope, tol=1e-3) or distance > FARTHEST:
+    left = np.abs(off[:, seen] - (ways - rest) / metre)
+    explained = np.mean(left[np.isfinite(left)] <= allowed) > MOSTLY
+    told = len(ways) > np.linalg.matrix_rank(slope, tol=1e-3)
+    if not (explained and told and PLACED < np.linalg.norm(moved[:3]) < FARTHEST):
         return ""
     shown = ", ".join(f"{each:z.3f}" for each in moved[:3])
     return f"all would fit with loudspeaker moved by [{shown}] m; is it where survey.yaml has it?"

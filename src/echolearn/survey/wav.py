@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from echolearn.acoustics.types import Array
+from echolearn.survey.mistold import mistold
 
 KINDS = {b"RIFF": "<", b"RF64": "<", b"BW64": "<", b"RIFX": ">"}
 """Beginnings of files, each with its byte order."""
@@ -84,9 +85,13 @@ def read(content: bytes, *, start: int = 0, stop: int | None = None) -> tuple[in
     frame = width * told.channels
     data = data[start * frame : None if stop is None else stop * frame]
     if told.kind == FLOAT:
-        samples = np.frombuffer(data, f"{told.order}f{width}").astype(float)
+        # What is not finite is refused by whoever reads.
+        with np.errstate(invalid="ignore"):
+            samples = np.frombuffer(data, f"{told.order}f{width}").astype(float)
     else:
         whole = _whole(data, width, order=told.order)
+        if reason := mistold(whole):
+            raise ValueError(reason)
         samples = _scaled(whole.reshape(-1, told.channels), told.bits, word=8 * width).ravel()
     return told.rate, np.ascontiguousarray(samples.reshape(-1, told.channels).T)
 
@@ -100,7 +105,8 @@ def undecided(content: bytes) -> NDArray[Any] | None:
     told, data = _chunks(content)
     if told.kind == FLOAT:
         floats = np.frombuffer(data, f"{told.order}f{told.width}")
-        return floats if len(floats) and (np.rint(floats) == floats).all() else None
+        with np.errstate(invalid="ignore"):
+            return floats if len(floats) and (np.rint(floats) == floats).all() else None
     if told.width != 4 or told.bits != 32:
         return None
     whole = _whole(data, 4, order=told.order).reshape(-1, told.channels)
@@ -138,8 +144,9 @@ def _chunks(content: bytes) -> tuple[Format, bytes]:
             long = _number(body[8:16], order)
         elif name == b"fmt ":
             told = _format(body, order)
-        # Chunks of an odd number of bytes are padded.
-        place += size + size % 2
+        # Chunks of an odd number of bytes are padded by a zero, which some forget.
+        padded = size % 2 and content[place + size : place + size + 1] == b"\0"
+        place += size + int(padded)
     raise ValueError("it ends before its data begin; was the recorder stopped at once?")
 
 
