@@ -64,6 +64,10 @@ AUDIBLE = (300.0, 9000.0)
 """Hz; below, 3 ms tell nothing, above, resampling has its filter."""
 
 
+SHORT = 128
+FINER = 16
+"""Samples that hold the direct sound, and points between two of them at which its crest is read."""
+
 OCTAVES = (125, 250, 500, 1000, 2000, 4000, 8000)
 """Hz, of the tables of materials."""
 
@@ -173,18 +177,15 @@ def microphones(places: list[Heard]) -> Iterator[tuple[str, str, str]]:
 
 def lags(place: Heard) -> Array:
     """Return how late each microphone's direct sound is behind the mean one, (6,), in samples."""
-    spectrum = np.fft.rfft(place.direct, 16 * place.direct.shape[-1])
-    likeness = np.fft.irfft(spectrum * spectrum.mean(axis=0).conj())
-    finer = np.fft.irfft(spectrum * spectrum.mean(axis=0).conj(), 16 * likeness.shape[-1])
-    middle = finer.shape[-1] // 2
-    return (np.fft.fftshift(finer, axes=-1).argmax(axis=-1) - middle) / 16.0
+    spectrum = np.fft.rfft(place.direct[:, :SHORT], 2 * SHORT)
+    likeness = np.fft.irfft(spectrum * spectrum.mean(axis=0).conj(), 2 * SHORT * FINER)
+    return np.fft.fftshift(likeness, axes=-1).argmax(axis=-1) / FINER - SHORT
 
 
 def zero_of(place: Heard) -> float:
     """Return the sample of the crest of the mean direct sound."""
-    mean = place.direct.mean(axis=0)
-    finer = np.fft.irfft(np.fft.rfft(mean), 16 * len(mean))
-    return float(np.abs(finer).argmax()) / 16.0
+    spectrum = np.fft.rfft(place.direct[:, :SHORT].mean(axis=0), 2 * SHORT)
+    return float(np.abs(np.fft.irfft(spectrum, 2 * SHORT * FINER)).argmax()) / FINER
 
 
 def loudspeaker(places: list[Heard]) -> Iterator[tuple[str, str, str]]:

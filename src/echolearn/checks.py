@@ -203,6 +203,16 @@ def check_text(name: str, value: object) -> None:
     check(plain, name, f"{value!a:.100}", allowed=allowed)
 
 
+NO_NUMBERS = {
+    "U": "words",
+    "S": "words",
+    "b": "true or false",
+    "c": "complex numbers",
+    "O": "rows of several lengths, or no numbers",
+}
+"""What stands where numbers should, by the kind of its dtype."""
+
+
 def real_array(name: str, value: object, *, allowed: str, hint: str = "") -> NDArray[Any]:
     """Return real numbers of any dtype as float64, or raise `BadValue`.
 
@@ -217,7 +227,8 @@ def real_array(name: str, value: object, *, allowed: str, hint: str = "") -> NDA
     except ValueError:
         # Rows of several lengths are no array.
         array = np.array(None)
-    check(array.dtype.kind in "iuf", name, f"dtype {array.dtype}", allowed=allowed, hint=hint)
+    shown = NO_NUMBERS.get(array.dtype.kind, f"dtype {array.dtype}")
+    check(array.dtype.kind in "iuf", name, shown, allowed=allowed, hint=hint)
     # Sums of squares would overflow int16 unseen.
     found: NDArray[Any] = array.astype(float, copy=False)
     return found

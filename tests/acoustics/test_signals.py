@@ -102,7 +102,7 @@ def test_streams_of_different_purposes_are_different_and_those_of_observations_n
             "probe.samples=shape (1, 20): must be finite",
         ),
         (lambda: Probe(np.full(20, np.inf), 22050.0, 40), "probe.samples=NaN or infinity"),
-        (lambda: signals.noise_psd(np.ones(5000, complex)), "noise.recording=dtype complex128"),
+        (lambda: signals.noise_psd(np.ones(5000, complex)), "noise.recording=complex numbers"),
     ],
 )
 def test_bad_probes_are_refused_in_one_line(make, message):
