@@ -6,7 +6,7 @@ READY := .venv/.ready
 
 RUNS ?= runs
 JOBS ?= 2
-# Tests share worlds that each process makes for itself: more than four would make more than they save.
+# Each process loads every library for itself: more than four would load longer than they save.
 SIDE_BY_SIDE = -n logical --maxprocesses=4 --dist worksteal
 RUN = OMP_NUM_THREADS=1 $(BIN)/echolearn
 # The cut that the tables of README and docs/measured.md were made with.

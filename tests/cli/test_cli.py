@@ -300,7 +300,7 @@ def test_an_interrupted_set_is_continued_to_the_same_bytes(here):
         while process.poll() is None and not list(here.glob("runs/data/*/shard-*.json")):
             time.sleep(0.01)
         process.send_signal(signal.SIGINT)
-        err = process.communicate(timeout=120)[1]
+        err = process.communicate(timeout=600)[1]
     assert process.returncode == 130
     hint = "the same command continues with what is finished"
     assert errors(err) == [f"error: interrupted; {hint}"]
@@ -333,7 +333,7 @@ def test_a_sweep_goes_on_after_a_failure_and_leaves_the_same_wherever_its_jobs_r
     made = content(only_set(here))
     shutil.rmtree("runs")
     with started(*words, "hydra/launcher=joblib", "hydra.launcher.n_jobs=2") as process:
-        said = process.communicate(timeout=120)
+        said = process.communicate(timeout=600)
     assert (process.returncode, said[0], errors(said[1])) == (1, out, [first, second, last])
     assert content(only_set(here)) == made
 

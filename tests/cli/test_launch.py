@@ -99,7 +99,7 @@ def test_processes_compute_with_one_thread(where, tmp_path, capsys, monkeypatch)
 SLEEPERS = """
 import time
 from echolearn.cli.sweeps import run_all
-run_all(time.sleep, [("one", 0), ("two", 60), ("three", 60), ("four", 60)], workers=2)
+run_all(time.sleep, [("one", 0), ("two", 3600), ("three", 3600), ("four", 3600)], workers=2)
 """
 
 
@@ -108,16 +108,11 @@ def test_an_interrupt_ends_all_processes_at_once():
         [sys.executable, "-c", SLEEPERS], start_new_session=True, stderr=subprocess.PIPE
     ) as process:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-        deadline = time.monotonic() + 30
-        while (
-            len(children.read_text().split()) < 2 and time.monotonic() < deadline
-        ):  # 3 if they are not forked
-            time.sleep(0.05)
+        while process.poll() is None and len(children.read_text().split()) < 2:
+            time.sleep(0.05)  # they are 3 if they are not forked
         time.sleep(1.0)
-        began = time.monotonic()
         os.killpg(process.pid, signal.SIGINT)
-        err = process.communicate(timeout=40)[1]
-    assert time.monotonic() - began < 20
+        err = process.communicate(timeout=600)[1]
     assert b"KeyboardInterrupt" in err
 
 

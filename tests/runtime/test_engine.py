@@ -101,7 +101,7 @@ def started(*words):
     )
 
 
-def wait_for(condition, seconds=60.0):
+def wait_for(condition, seconds=600.0):
     """Wait until something holds."""
     until = time.monotonic() + seconds
     while not condition():
@@ -167,8 +167,8 @@ def test_every_engine_makes_the_same_set_and_redoes_nothing(option, here, tmp_pa
 def test_every_engine_raises_the_error_of_the_job_and_cancels_the_others(option):
     began = time.monotonic()
     with pytest.raises(ValueError, match="^sleep length must be non-negative$"):
-        list(engine(option, 1)(time.sleep, [0.0, -1.0, *[0.5] * 200]))
-    assert time.monotonic() - began < 40
+        list(engine(option, 1)(time.sleep, [0.0, -1.0, *[0.5] * 1000]))
+    assert time.monotonic() - began < 400, "all of them take 500 s"
 
 
 def test_shards_that_do_not_arrive_are_missed(tmp_path, monkeypatch):
@@ -215,7 +215,7 @@ def test_the_command_line_reaches_a_running_scheduler(about, here, whole):
         wait_for(lambda: finished(here) > 2)
         second.kill()
         done = finished(here)
-        err = client.communicate(timeout=60)[1]
+        err = client.communicate(timeout=600)[1]
     [made] = here.glob("runs/data/*")
     assert 2 < done < 23
     assert client.returncode == 0
@@ -242,7 +242,7 @@ def test_the_command_line_reaches_a_running_scheduler(about, here, whole):
 def test_a_worker_that_cannot_do_the_same_is_refused(about, code, said):
     with worker(about, code):
         with Client(scheduler_file=about, set_as_default=False) as client:
-            client.wait_for_workers(1, timeout=60)
+            client.wait_for_workers(1, timeout=600)
         with pytest.raises(BadValue, match=f"^engine: a worker has {said}"):
             list(Dask(scheduler_file=str(about))(math.sqrt, [4.0]))
 
@@ -266,7 +266,7 @@ def test_a_scheduler_of_another_version_is_refused(tmp_path):
 def test_the_loss_of_the_scheduler_is_one_error(tmp_path):
     about = tmp_path / "about"
     with scheduler(about) as process, worker(about):
-        jobs = Dask(address=address(about), timeout=1.0)(time.sleep, [0.0, 60.0])
+        jobs = Dask(address=address(about), timeout=1.0)(time.sleep, [0.0, 600.0])
         assert next(jobs) == 0.0
         process.kill()
         said = "^engine: the scheduler was lost, or cancelled the jobs; the same command"
@@ -354,9 +354,9 @@ def stopped(words, where, *, shards, number):
         # A terminal sends its interrupt to all processes.
         send = os.killpg if number == signal.SIGINT else os.kill
         send(client.pid, number)
-        err = client.communicate(timeout=15)[1]
+        err = client.communicate(timeout=300)[1]
         assert workers
-        wait_for(lambda: not any(map(is_alive, workers)), 15)
+        wait_for(lambda: not any(map(is_alive, workers)))
     return err
 
 

@@ -50,7 +50,7 @@ HOLD = """
 with locked(path):
     if os.fork() == 0:
         os.setsid()
-        time.sleep(5)  # a worker that outlives it
+        time.sleep(60)  # a worker that outlives it
         os._exit(0)
     print("held", flush=True)
     time.sleep(60)
@@ -65,7 +65,7 @@ def test_whoever_waits_says_so_once_and_comes_next_when_the_holder_is_killed(tmp
         threading.Timer(0.3, holder.kill).start()
         with locked(path, waiting="waiting for another"):
             assert holder.wait() == -signal.SIGKILL
-            assert time.monotonic() - began < 4, "its child holds nothing"
+            assert time.monotonic() - began < 50, "its child holds nothing"
             assert [path.name for path in path.parent.iterdir()] == [".folder.lock"]
     with locked(path, waiting="never said"):
         assert not path.exists()
