@@ -141,7 +141,9 @@ def test_a_comparison_shows_bundles_and_never_chooses_one(world, runs):
 
 
 def test_what_is_no_bundle_or_a_second_of_its_name_is_refused(world, runs, tmp_path):
-    with refused("bundles=best: must be the name of a bundle, or its folder, ./best; run: echol"):
+    with refused(
+        "bundles=best: must be a folder that echolearn export wrote, or the name of a bundl"
+    ):
         rows_of(world, runs, bundles=["best"])
     twin = Path(shutil.copytree(runs / "bundles" / "small", tmp_path / "elsewhere"))
     with refused(f"bundles={twin}: must be bundles of different names; another one is called sm"):

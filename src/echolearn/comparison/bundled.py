@@ -15,27 +15,8 @@ from echolearn.comparison.fitting import Robot, robot_of
 from echolearn.evaluation.rows import BUNDLE
 from echolearn.robot.bundle import Bundle
 from echolearn.robot.scorer import load
-from echolearn.storage import manifests
-from echolearn.storage.advice import assignment, command_line
+from echolearn.robot.shipped import find_bundle
 from echolearn.training.runs import Run
-
-
-def find_bundle(runs: Path, name: str) -> Path:
-    """Return the folder of a bundle.
-
-    Args:
-        runs: folder of everything generated.
-        name: name of a folder under `runs/bundles`, or a path with a slash to any other.
-
-    Raises:
-        BadValue: there is none.
-    """
-    folder = Path(name) if "/" in name else runs / "bundles" / name
-    words = [assignment("run", "<a run's folder>"), assignment("name", name)]
-    hint = f"run: {command_line('export', *words, runs=runs)}"
-    allowed = "must be the name of a bundle, or its folder, ./best"
-    check((folder / manifests.BUNDLE).is_file(), "bundles", name, allowed=allowed, hint=hint)
-    return folder
 
 
 def opened(names: Sequence[str], runs: Path, *, finished: Sequence[Run]) -> list[tuple[Run, Robot]]:
@@ -52,7 +33,7 @@ def opened(names: Sequence[str], runs: Path, *, finished: Sequence[Run]) -> list
     """
     found: list[tuple[Run, Robot]] = []
     for name in names:
-        folder = find_bundle(runs, name)
+        folder = find_bundle(name, runs, key="bundles")
         bundle = load(folder).bundle
         run = Run(folder, metrics_of(bundle, finished))
         alone = all(run.model != other.model for other, _ in found)

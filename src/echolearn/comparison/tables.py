@@ -238,9 +238,12 @@ def protocol(comparison: Comparison) -> list[dict[str, Any]]:
     return lines
 
 
-def sizes(comparison: Comparison) -> dict[tuple[str, str], int]:
-    """Return how many rows each model was trained on, by training and classifier."""
+def sizes(comparison: Comparison) -> dict[tuple[str, str], int | str]:
+    """Return how many rows each model was trained on, by training and classifier.
+
+    A bundle does not tell how many of its set's rows these were.
+    """
     return {
-        (model.training, model.classifier): runs[0].metrics["rows"]["train"]
+        (model.training, model.classifier): runs[0].metrics.get("rows", {}).get("train", "")
         for model, runs in comparison.models.items()
     }

@@ -20,12 +20,13 @@ FOLDER = Path(__file__).parents[1] / "bundles"
 ALLOWED = "must be a folder that echolearn export wrote, or the name of a bundle"
 
 
-def find_bundle(given: str | Path, runs: Path) -> Path:
+def find_bundle(given: str | Path, runs: Path, *, key: str = "bundle") -> Path:
     """Return the folder of a bundle that a path or a name stands for.
 
     Args:
         given: path of a folder, or a name.
         runs: folder of everything generated.
+        key: what names it on the command line.
 
     Raises:
         BadValue: a name that no bundle has.
@@ -38,7 +39,7 @@ def find_bundle(given: str | Path, runs: Path) -> Path:
     made = {place.parent.name for place in (Path(runs) / "bundles").glob(f"*/{BUNDLE}")}
     hint = f"known are {', '.join(sorted(made | {*digests()}))}"
     # A folder that is no bundle is refused by whoever reads it, who knows why.
-    check(bool(found) or path.exists(), "bundle", given, allowed=ALLOWED, hint=hint)
+    check(bool(found) or path.exists(), key, given, allowed=ALLOWED, hint=hint)
     return next(iter(found), path)
 
 
