@@ -112,7 +112,7 @@ def source(path, name):
 
 def test_the_page_follows_the_commands_that_make_something():
     assert set(PATHS) == {
-        *"generate train compare survey import export check map".split(),
+        *"generate train compare survey import export check map fit".split(),
         "localize",
     }
 

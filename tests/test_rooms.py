@@ -35,7 +35,7 @@ OWNERS = {
     "numba": ["simulation", "localization"],
     "soundfile": ["survey", "simulation"],
     "rir_generator": ["bench"],
-    "matplotlib": ["comparison", "studies"],
+    "matplotlib": ["comparison", "studies", "training"],
     "jinja2": ["comparison"],
     "rich dask distributed threadpoolctl": ["runtime"],
     "rosbags": ["mapping"],

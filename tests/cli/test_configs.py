@@ -28,7 +28,9 @@ USED_BY = {"room": "survey", "classifier": "train", "source": "import"}
 
 HUM = Path(tempfile.mkdtemp()) / "hum.wav"
 HUM.write_bytes(audio.wav_bytes(np.sin(np.arange(5000)), 22050.0))
+ROOT = Path(__file__).parents[2]
 NEEDED = {
+    "scene=survey": [f"scene.folder={ROOT / 'examples' / 'survey' / 'short'}"],
     "diffuse=recorded": [f"diffuse.source.path={HUM}"],
     "scene=array": ["scene.array.positions=[[0.1,0,0],[0,0.1,0]]"],
 }

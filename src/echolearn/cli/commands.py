@@ -175,6 +175,44 @@ def _check(config: "Config") -> Path:
     )
 
 
+def _fit(config: "Config") -> Path:
+    """Make a filter for the robot of a survey from its own recordings, and map them with it."""
+    from dataclasses import replace
+
+    from echolearn.checks import check_list
+    from echolearn.cli.config import build
+    from echolearn.storage.identity import by_short_names
+    from echolearn.survey.reader import read_survey
+    from echolearn.training.own_robot import Recipe, fit_robot
+
+    survey = _recorded(config)
+    # What is wrong with it is said of it, not of the scene that is taken from it.
+    read_survey(survey)
+    plan = build(config["plan"], "plan")
+    window = None
+    if config["within"] is not None:
+        allowed = "must be two distances in m, [1.0,2.0]"
+        check_list("within", config["within"], length=2, allowed=allowed)
+        nearest, farthest = config["within"]
+        window = replace(plan.window, nearest=nearest, farthest=farthest)
+    classifier = config["classifier"]
+    recipe = Recipe(
+        plan,
+        config["choice"]["classifier"],
+        make=partial(build, classifier, "classifier"),
+        config=by_short_names(classifier),
+        window=window,
+        **_built(config, "target seed calibration aim"),
+    )
+    return fit_robot(
+        survey=survey,
+        recipe=recipe,
+        runs=Path(config["runs"]),
+        **_built(config, "engine name"),
+        command=_leave_out(("engine", "workers="), config["command"]),
+    )
+
+
 COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
     "generate": _generate,
     "train": _train,
@@ -186,6 +224,7 @@ COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
     "export": _export,
     "check": _check,
     "map": _map,
+    "fit": _fit,
 }
 
 

@@ -24,7 +24,7 @@ Job = tuple[str, dict[str, Any]]
 BY_CONTENT = ("generate", "train")
 """Commands that name their folders after all that goes into them."""
 
-BY_SWEEP = ("check", "import", "map", "survey")
+BY_SWEEP = ("check", "fit", "import", "map", "survey")
 """Commands that name theirs after what a sweep varies, where usual names meet."""
 
 
@@ -32,7 +32,9 @@ def usual_name(command: str, config: Mapping[str, Any]) -> str:
     """Return the name of the folder that a job makes unless it is given another."""
     if config.get("name") is not None:
         return str(config["name"])
-    sources = {"map": ("survey", "bundle"), "check": ("survey",)}.get(command, ("run", "best"))
+    sources = {"map": ("survey", "bundle"), "check": ("survey",), "fit": ("survey",)}.get(
+        command, ("run", "best")
+    )
     return "-".join(Path(config[key]).resolve().name for key in sources if config.get(key))
 
 

@@ -28,6 +28,7 @@ PLACES = {
     "export": "bundles",
     "check": "check",
     "map": "maps",
+    "fit": "fit",
     "bench": "bench",
 }
 """Folders under `runs` in which commands make theirs; `bench` writes there itself."""

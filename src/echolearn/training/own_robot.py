@@ -1,0 +1,227 @@
+"""A filter for one robot, made from its own recordings, and the map that it leaves.
+
+    survey --examine--> Health --reach--> plan for this robot --generate, train, export--> bundle
+    bundle, survey --map--> map;    all of it --> runs/fit/<name>/fit.html
+
+What is known of the robot comes from its survey: microphones, loudspeaker, burst, sample rate, how
+far it hears and how long the place rings. Random rooms in the plan's ranges, as rough as measured
+ones, do the rest. Each step is that of a command and keeps what is finished, so an interrupted fit
+goes on where it was.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echolearn.acoustics.geometry import SearchWindow
+from echolearn.checks import BadValue, check, check_choice, check_name
+from echolearn.classifiers.calibration import METHODS
+from echolearn.classifiers.classifier import Classifier
+from echolearn.classifiers.operating_point import read_aim
+from echolearn.dataset.generate import generate
+from echolearn.dataset.labelled_set import Dataset
+from echolearn.dataset.plans import ScatteredPlan
+from echolearn.robot.survey_map import map_survey
+from echolearn.runtime.engine import Engine
+from echolearn.storage import manifests
+from echolearn.storage.files import clean, write_atomic
+from echolearn.storage.identity import digest, plain
+from echolearn.storage.once import locked
+from echolearn.survey.health import examine, mended
+from echolearn.survey.proof import read_proved
+from echolearn.survey.reach import Reach, reach_of
+from echolearn.survey.survey import Survey
+from echolearn.training.export import export
+from echolearn.training.fit_page import PAGE, Fit, page_of
+from echolearn.training.split import LearningProblem
+from echolearn.training.train import train
+
+RANGE_OF_T60 = (0.6, 1.5)
+"""Factors of the reverberation time that was heard, between which rooms are drawn."""
+
+TARGETS = ("reflector", "on_map", "time_and_direction")
+"""Labels that can be learned."""
+
+LONGEST_T60 = 2.0
+"""s, longest reverberation time of a room that is drawn."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a filter is made for a robot.
+
+    Attributes:
+        plan: rooms, levels and realism of the labelled set; robot, window and reverberation time
+            are those of the survey.
+        classifier: name of what is trained.
+        make: returns it, unfitted.
+        config: what it is made from, as plain containers.
+        target: label to learn; None takes `on_map`, or `time_and_direction` where there is no map.
+        seed: of division and classifier.
+        calibration, aim: as those of `train`.
+        window: where echoes are sought; None takes the plan's.
+    """
+
+    plan: ScatteredPlan
+    classifier: str
+    make: Callable[[], Classifier]
+    config: Mapping[str, Any]
+    target: str | None = None
+    seed: int = 0
+    calibration: str = "platt"
+    aim: str = "precision 0.9"
+    window: SearchWindow | None = None
+
+    def __post_init__(self) -> None:
+        # A set takes minutes: what is wrong with what follows it is told before.
+        if self.target is not None:
+            check_choice("target", self.target, *TARGETS)
+        check_choice("calibration", self.calibration, *METHODS)
+        read_aim(self.aim)
+        self.make()
+
+
+def fit_robot(
+    *,
+    survey: Path,
+    recipe: Recipe,
+    engine: Engine,
+    runs: Path,
+    name: str | None = None,
+    command: str | None = None,
+) -> Path:
+    """Make a filter for the robot of a survey, map the survey with it, and return the page.
+
+    Args:
+        survey: folder in the recorded-survey format.
+        recipe: how.
+        engine: what simulates.
+        runs: folder of everything generated.
+        name: name of the page's folder under `runs/fit`, and beginning of all others; that of the
+            survey unless given.
+        command: what makes it again; None says nothing about it.
+
+    Raises:
+        BadValue: a survey that cannot be trusted, or any step that fails.
+    """
+    name = name or Path(survey).resolve().name
+    check_name("name", name)
+    folder = Path(runs) / "fit" / name
+    check_free(folder)
+    walk, _ = read_proved(Path(survey))
+    walk = replace(walk, window=recipe.window or recipe.plan.window)
+    health = examine(walk)
+    sound = mended(walk, health)
+    reach = reach_of(sound)
+    plan = plan_for(sound, reach, recipe=recipe, name=name)
+    told = conclusions(sound, reach, plan)
+    for line in (*health.mended, *health.noticed, *told):
+        print(line, flush=True)
+
+    place = generate(plan, runs=runs, engine=engine, command=command)
+    target = recipe.target or ("on_map" if walk.mapped else "time_and_direction")
+    result = train(
+        LearningProblem(Dataset(place), target=target, seed=recipe.seed),
+        name=recipe.classifier,
+        classifier=recipe.make,
+        config=recipe.config,
+        runs=runs,
+        calibration=recipe.calibration,
+        aim=recipe.aim,
+        microphones=plan.scene.array.positions,
+        command=command,
+    )
+    # Another filter for the same survey has another bundle: robots may still carry this one.
+    made = f"{name}-{digest([str(result['run'])])}"
+    run = Path(runs) / "train" / str(result["run"])
+    bundle = export(
+        run=run,
+        best=None,
+        array=plan.scene.array,
+        probe=plan.scene.probe,
+        runs=runs,
+        name=made,
+        command=command,
+    )
+    mapped = map_survey(survey=Path(survey), bundle=bundle, runs=runs, name=made, command=command)
+
+    parts = {"set": place, "run": run, "bundle": bundle, "map": mapped}
+    fit = Fit(name, walk, health=health, told=told, result=result, parts=parts)
+    about = {"kind": "fit", "parts": {key: path.name for key, path in parts.items()}}
+    _write(folder, page_of(fit), about=about | manifests.command_entry(command))
+    return folder / PAGE
+
+
+def plan_for(walk: Survey, reach: Reach, *, recipe: Recipe, name: str) -> ScatteredPlan:
+    """Return the plan of a set that teaches what a robot hears.
+
+    Args:
+        walk: its recordings, mended.
+        reach: what they tell of the place.
+        recipe: what else the plan has.
+        name: of the set.
+
+    Raises:
+        BadValue: a loudspeaker that moves on its own, which no plan carries.
+    """
+    carried = walk.loudspeakers is None
+    hint = "a filter is made for a robot that carries its loudspeaker"
+    place = f"{walk.folder}/poses.csv loudspeaker"
+    check(carried, place, "moves on its own", allowed="must be carried", hint=hint)
+    plan = recipe.plan
+    window = recipe.window or plan.window
+    low, high = plan.t60
+    if np.isfinite(reach.t60):
+        # No large room can be as dead as the smallest: the plan's least time is kept.
+        low = round(min(max(low, RANGE_OF_T60[0] * reach.t60), LONGEST_T60 - 0.1), 2)
+        high = round(min(max(low + 0.1, RANGE_OF_T60[1] * reach.t60), LONGEST_T60), 2)
+    localizer: Any = replace(plan.localizer, window=window)  # type: ignore[type-var]
+    try:
+        return replace(plan, name=name, window=window, localizer=localizer, t60=(low, high))
+    except BadValue as error:
+        raise BadValue(f"{walk.folder}: no set can be made for this robot; {error}") from None
+
+
+def conclusions(walk: Survey, reach: Reach, plan: ScatteredPlan) -> list[str]:
+    """Return what was concluded of a robot and its place, a line each.
+
+    Args:
+        walk: its recordings.
+        reach: what they tell of the place.
+        plan: of the set that is made.
+    """
+    probe = walk.emitted
+    burst = 1000 * len(probe.samples) / probe.sample_rate
+    window = plan.window
+    hears = "noise hides how far echoes are heard"
+    if np.isfinite(reach.farthest):
+        hears = f"echoes stand out of the noise up to those of walls {reach.farthest:.1f} m away"
+    rings = "noise hides how long the place rings"
+    if np.isfinite(reach.t60):
+        rings = f"the place rings for {reach.t60:.2f} s (T60)"
+    return [
+        f"robot: {len(walk.array)} microphones, a burst of {burst:.0f} ms at "
+        f"{probe.sample_rate:g} Hz",
+        f"reach: {hears}; walls are sought from {window.nearest:g} to {window.farthest:g} m",
+        f"decay: {rings}; rooms are drawn with {plan.t60[0]:g} to {plan.t60[1]:g} s",
+        f"set: {plan.rows} simulated recordings of this robot in random rooms",
+    ]
+
+
+def check_free(folder: Path) -> None:
+    """Raise `BadValue` if something else than a fit is in a folder."""
+    names = {path.name for path in folder.glob("[!.]*")} if folder.is_dir() else set()
+    foreign = (names and PAGE not in names) or (folder.exists() and not folder.is_dir())
+    allowed = "must be a new name, or that of a fit"
+    check(not foreign, "name", folder.name, allowed=allowed, hint=f"{folder} is something else")
+
+
+def _write(folder: Path, content: bytes, *, about: Mapping[str, Any]) -> None:
+    """Write the page, in place of the one before, and then its manifest."""
+    with locked(folder):
+        clean(folder)
+        write_atomic(folder / PAGE, content)
+        manifests.finish(folder, plain(about), [PAGE])
