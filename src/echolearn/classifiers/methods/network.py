@@ -257,8 +257,11 @@ class Training(LightningModule):
 
 @contextmanager
 def seeded(seed: int, *, accelerator: str) -> Iterator[None]:
-    """Seed torch within the block, on one thread; put both back afterwards."""
+    """Seed torch within the block, on one thread; put all back afterwards that training sets."""
     threads = torch.get_num_threads()
+    # Lightning leaves it switched on, and what is trained next might sum in another way.
+    exact = torch.are_deterministic_algorithms_enabled()
+    warning = torch.is_deterministic_algorithms_warn_only_enabled()
     # Whoever asks for a GPU's random state starts CUDA, after which no process can be forked.
     devices: list[int] | None = [] if accelerator == "cpu" else None
     with torch.random.fork_rng(devices):
@@ -268,3 +271,4 @@ def seeded(seed: int, *, accelerator: str) -> Iterator[None]:
             yield
         finally:
             torch.set_num_threads(threads)
+            torch.use_deterministic_algorithms(exact, warn_only=warning)
