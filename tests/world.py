@@ -23,6 +23,7 @@ from echolearn.dataset.generate import folder_of
 from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.dataset.plans import GridPlan, Plan, ScatteredPlan
 from echolearn.dataset.records import records
+from echolearn.localization.localizer import returned
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.snls import Snls
 from echolearn.simulation.levels import NoiseLevels
@@ -111,7 +112,7 @@ def write_set(plan: Plan, runs: Path) -> Dataset:
     folder = folder_of(plan, runs)
     if not (folder / manifests.MANIFEST).exists():
         manifests.write_shard(folder, 0, records(plan, range(len(plan))))
-        rows = len(plan) * plan.localizer.echoes
+        rows = len(plan) * returned(plan.localizer)
         about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
         about["microphones"] = plan.scene.array.positions.tolist()
         manifests.finish(folder, about, [manifests.shard_name(0)])

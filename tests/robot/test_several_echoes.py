@@ -65,3 +65,18 @@ def test_a_comparison_evaluates_every_echo(pairs, world):
     ]
     assert 0.5 < coverage["value"] <= 1.0
     assert found.survey and np.array_equal(found.survey.walls, outline(HALL))
+
+
+def test_a_filter_may_look_at_what_stands_beside_the_echo_of_a_wall(world, tmp_path):
+    """At rank and neighbours, in sets and bundles of `echoes=auto`; a single echo has none."""
+    low = {"size_low": (5.0, 5.0, 2.2), "size_high": (6.0, 6.0, 2.4), "rows": 60}
+    plan = replace(plans()[1], localizer=Gated(WINDOW, 36, echoes="auto"), **low)
+    dataset = write_set(plan, tmp_path)
+    assert len(dataset) == 60 and dataset["rank"].max() >= 1.0 and dataset["rank"].min() == 0.0
+    inputs = ["peak_to_rms", "rank", "neighbour_lag", "neighbour_gain"]
+    train(dataset, "trees_features", seed=0, runs=tmp_path, inputs=inputs)
+    [run] = load_runs(tmp_path)
+    scorer = load(pack(replace(world, runs=tmp_path), "trees_features", tmp_path))
+    assert list(run.inputs) == list(scorer.bundle.inputs) == inputs
+    walk = reader.read_survey(world.runs / "survey" / "hall_0dB")
+    assert scorer.score(walk.observe(range(3)), walk.poses[:3]).map.points.shape == (3, 2)
