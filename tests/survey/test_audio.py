@@ -121,15 +121,16 @@ def test_every_damage_is_an_error_or_harmless(flac):
 @pytest.mark.parametrize(
     ("shape", "rate", "message"),
     [
-        ((2, 400), 22050, "=(2, 400): must be 3 channels of 400 samples"),
-        ((3, 399), 22050, "=(3, 399): must be 3 channels of 400 samples"),
+        ((2, 400), 22050, "=(2, 400): must be 3 channels of 400 samples; are files of some mic"),
+        ((3, 399), 22050, "=(3, 399): must be 3 channels of 400 samples; did the recorder stop"),
+        ((4, 400), 22050, "=(4, 400): must be 3 channels of 400 samples; has it more channels t"),
         ((3, 400), 44100, " sample_rate=44100 Hz: must be 22050 Hz; resample the recording"),
     ],
 )
 @pytest.mark.parametrize("name", ["a.flac", "a.wav"])
 def test_a_recording_that_does_not_fit_is_refused(tmp_path, shape, rate, message, name):
     soundfile.write(tmp_path / name, np.zeros(shape[::-1]), rate)
-    assert refusal(tmp_path / name) == message
+    assert refusal(tmp_path / name).startswith(message)
 
 
 def test_what_is_declared_is_compared_before_anything_is_unpacked(tmp_path):
@@ -139,7 +140,8 @@ def test_what_is_declared_is_compared_before_anything_is_unpacked(tmp_path):
             file.write(np.zeros((100_000, 8), dtype=np.int16))
     assert (tmp_path / "bomb.flac").stat().st_size < 20_000
     tracemalloc.start()
-    assert refusal(tmp_path / "bomb.flac") == "=(8, 1500000): must be 3 channels of 400 samples"
+    said = "=(8, 1500000): must be 3 channels of 400 samples; has it more channels"
+    assert refusal(tmp_path / "bomb.flac").startswith(said)
     assert tracemalloc.get_traced_memory()[1] < 1 << 20
     tracemalloc.stop()
 
@@ -163,6 +165,13 @@ def test_another_format_is_not_read_for_its_name(tmp_path, kind):
 
 
 def test_flac_that_is_absent_or_too_large_is_named(tmp_path):
-    assert refusal(tmp_path / "a.flac").startswith(": cannot be read as FLAC ([Errno 2]")
+    assert refusal(tmp_path / "a.flac") == ": cannot be read as FLAC (there is no such file)"
+    (tmp_path / "observations").mkdir()
+    (tmp_path / "observations" / "a.flac").touch()
+    there = tmp_path / "observations" / "a.flac"
+    for name in ("a.flac", "a"):
+        assert refusal(tmp_path / name).endswith(f"(there is no such file; is it {there}?)")
+    assert refusal(tmp_path / "observations\\a.wav").endswith("with / between folders)")
     (tmp_path / "b.flac").write_bytes(bytes(100_000))
-    assert refusal(tmp_path / "b.flac") == "=100000 bytes: must be at most 75136 bytes"
+    said = "=100000 bytes: must be at most 75136 bytes; has it more channels"
+    assert refusal(tmp_path / "b.flac").startswith(said)

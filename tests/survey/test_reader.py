@@ -95,7 +95,7 @@ def test_a_loudspeaker_elsewhere_moves_the_microphones(folder):
 )
 def test_samples_that_do_not_fit_are_refused(folder, name, samples, message):
     (folder / name).write_bytes(wav_bytes(samples, 22050.0))
-    assert refusal(folder) == f"{folder / name}{message}"
+    assert refusal(folder).startswith(f"{folder / name}{message}")
 
 
 @pytest.mark.parametrize("name", [FILES[0], "noise.wav"])

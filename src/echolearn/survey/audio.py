@@ -73,11 +73,15 @@ def _content(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except FileNotFoundError:
-        raise BadValue(
-            f"{path}: cannot be read (there is no such file{_elsewhere(path)})"
-        ) from None
+        raise _absent(path) from None
     except OSError as error:
         raise BadValue(f"{path}: cannot be read as WAV ({one_line(error)})") from None
+
+
+def _absent(path: Path) -> BadValue:
+    """Return the complaint about a file that is not there, and where it may be."""
+    kind = "FLAC" if path.suffix.lower() == ".flac" else "WAV"
+    return BadValue(f"{path}: cannot be read as {kind} (there is no such file{_elsewhere(path)})")
 
 
 def _elsewhere(path: Path) -> str:
@@ -179,6 +183,8 @@ def read_flac(path: Path, sample_rate: float, *, shape: tuple[int, int]) -> Arra
                 samples: Array = held.read(dtype="float64", always_2d=True).T
     except BadValue:
         raise
+    except FileNotFoundError:
+        raise _absent(path) from None
     except (OSError, RuntimeError, TypeError, ValueError) as error:
         raise BadValue(f"{path}: cannot be read as FLAC ({one_line(error)})") from None
     return np.ascontiguousarray(samples)
