@@ -89,15 +89,12 @@ point: $(READY) ## the bundle `point` that comes along, made again: sets, filter
 	$(RUN) generate -m plan=varied -- runs=$(POINT) -- $(JUDGED)
 	$(LEARN) plan=varied classifier=trees_invariant -- runs=$(POINT) -- $(JUDGED)
 	$(RUN) generate -m runs=$(POINT) plan=offgrid_8x6x5,offgrid_13x11x5 'plan.further=[$(FURTHER)]'
-	$(RUN) survey -m -j $(JOBS) runs=$(POINT) room=$(MAPPED) snr_db=-10,0,10
-	$(RUN) compare runs=$(POINT) name=point 'tested=[offgrid_8x6x5,offgrid_13x11x5]' $(ONE_LOCALIZER) \
-	  'surveys=[8x6x5_-10dB,8x6x5_0dB,8x6x5_10dB,13x11x5_-10dB,13x11x5_0dB,13x11x5_10dB]'
+	$(RUN) compare runs=$(POINT) name=point 'tested=[offgrid_8x6x5,offgrid_13x11x5]' surveys=[]
 	$(RUN) import -m -j $(JOBS) runs=$(POINT)/measured snr_db=$(LEVELS) draw=0,1
 	$(RUN) compare runs=$(POINT)/measured name=measured tested=[varied] 'surveys=[$(OCTAHEDRON)]' $(ONE_LOCALIZER)
-	$(RUN) export runs=$(POINT) best=$(POINT)/compare/point name=point card=docs/cards/point.md \
-	  'evidence=[$(POINT)/compare/point,$(POINT)/measured/compare/measured]'
-	rm -rf src/echolearn/bundles/point
-	mkdir -p src/echolearn/bundles
+	$(RUN) export runs=$(POINT) run=$$(ls -d $(POINT)/train/trees_invariant-varied-s0-*) name=point \
+	  card=docs/cards/point.md 'evidence=[$(POINT)/compare/point,$(POINT)/measured/compare/measured]'
+	rm -rf src/echolearn/bundles/point && mkdir -p src/echolearn/bundles
 	cp -r $(POINT)/bundles/point src/echolearn/bundles/point
 
 # Filters on large sets: every classifier, label and kind of column, every ingredient of realism left out in turn.

@@ -51,6 +51,7 @@ def test_the_wheel_carries_the_configurations_and_works_elsewhere(tmp_path):
         path.relative_to(installed / "conf") for path in (installed / "conf").rglob("*.yaml")
     } == configurations
     assert (installed / "py.typed").is_file()
+    assert (installed / "bundles" / "point" / "bundle.json").is_file()
     run = subprocess.run(
         [sys.executable, "-m", "echolearn", "train", "--cfg"],
         cwd=tmp_path,

@@ -143,7 +143,8 @@ def _export(config: "Config") -> Path:
         card=_path(config["card"]),
         runs=Path(config["runs"]),
         **_built(config["scene"], "array probe", prefix="scene."),
-        **_built(config, "name aim resamples evidence command"),
+        command=_leave_out(("card=", "evidence="), config["command"]),
+        **_built(config, "name aim resamples evidence"),
     )
 
 
