@@ -3,6 +3,13 @@
 A recipe is a small checked value that makes a network once the shape of a row is known:
 `recipe(shape)` returns a `torch.nn.Module` that maps (B, *shape) float32 to logits (B,). To try
 another architecture, write another recipe.
+
+`CovarianceNet` serves four tensors. On the covariance of the whole recording (`covnet`) it is the
+baseline of the literature, which estimates directions from such covariances; the echo is a small
+part of what it sees. On that of the matched filters around an echo (`covnet_gated`, and steered to
+it, `covnet_steered`) it sees coherence alone, and takes a side lobe of a louder echo, as coherent
+as an echo, for one. Beside an ideal echo (`covnet_ideal`, see `localization.tensors`) it can tell
+both.
 """
 
 from collections.abc import Sequence
