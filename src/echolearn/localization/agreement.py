@@ -14,19 +14,17 @@ gated power G as in `matched_filter`:
     peak_share       sum_m a_m / sum_m max_k z_m(k)  over |k| <= NEAR
     direction_second max G(toa, phi) of phi APART and more from the doa, over G(toa, doa)
     joint_second     max J(tau, phi) of tau `PEAK_SPACING` lags or more from toa, over J(toa, doa)
-    outside_second   sum_m max |r_m(tau)| of tau within `PAD` lags of the window, over sum_m a_m
 
 An agreement over CLOSE lags is that of the pulse itself; WIDE takes in the echo that a rough wall
 has smeared. NEAR is where a microphone's own peak can be if it is displaced, or late, or of an echo
-that is not flat. A louder echo outside the window leaves side lobes of the burst's autocorrelation
-in it, which all microphones hear alike: only `outside_second` tells them from an echo.
+that is not flat.
 """
 
 import numpy as np
 
 from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.types import Array
-from echolearn.localization.correlations import PAD, ratio
+from echolearn.localization.correlations import ratio
 from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
 from echolearn.localization.tensors import SEGMENT, align
 
@@ -61,7 +59,6 @@ def agreement_columns(matched: MatchedFilter, index: Array, *, toward: Array) ->
         **own_peaks(around(aligned, NEAR)),
         "direction_second": direction_second(matched, index, toward=toward),
         "joint_second": joint_second(matched, index, here=here.sum(axis=-1)),
-        "outside_second": ratio(outside(matched.padded), here.sum(axis=-1)),
     }
 
 
@@ -131,9 +128,3 @@ def joint_second(matched: MatchedFilter, index: Array, *, here: Array) -> Array:
     highest = matched.steered.max(axis=-2).astype(float)
     elsewhere = np.abs(np.arange(highest.shape[-1]) - index[:, None]) >= PEAK_SPACING
     return ratio(np.max(highest, axis=-1, where=elsewhere, initial=-np.inf), here)
-
-
-def outside(padded: Array) -> Array:
-    """Return the largest |r_m| before and after the window, summed over microphones, shape (B,)."""
-    beyond = np.concatenate([padded[..., :PAD], padded[..., -PAD:]], axis=-1)
-    return np.abs(beyond).max(axis=-1).sum(axis=-1)

@@ -39,7 +39,6 @@ Those of `AGREEMENT` (formulas in `agreement`) are only in sets whose plan asks 
 | peak_share       | 1    | what they have at the echo over these peaks |
 | direction_second | 1    | power of the strongest other direction over that of the echo's |
 | joint_second     | 1    | largest J at another time over J(toa, doa) |
-| outside_second   | 1    | largest |r_m| close by outside the window over those at the echo |
 
 Tensors are (COVARIANCE_BANDS, M*M) packed Hermitian matrices (`beamforming.pack_hermitian`),
 each band scaled to trace M: `covariance` of the whole recording, `covariance_gated` of the
@@ -101,7 +100,6 @@ UNITS = {
     "peak_share": "1",
     "direction_second": "1",
     "joint_second": "1",
-    "outside_second": "1",
 }
 """Unit of each column."""
 
@@ -117,7 +115,6 @@ AGREEMENT = (
     "peak_share",
     "direction_second",
     "joint_second",
-    "outside_second",
 )
 """Columns that a plan may ask for besides; they are computed together."""
 
