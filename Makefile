@@ -85,7 +85,7 @@ LEARN = $(RUN) train -m -j $(JOBS)
 POINT = $(RUNS)/point
 JUDGED = runs=$(POINT)/measured scene=octahedron plan.rows=4000
 
-point: $(READY) ## the bundle `point` that comes along, made again: sets, filter, comparisons, docs/cards/point.md
+point: $(READY) ## the bundle `point` that comes along, made anew: sets, filter, comparisons, docs/cards/point.md
 	$(RUN) generate -m plan=varied -- runs=$(POINT) -- $(JUDGED)
 	$(LEARN) plan=varied classifier=trees_invariant -- runs=$(POINT) -- $(JUDGED)
 	$(RUN) generate -m runs=$(POINT) plan=offgrid_8x6x5,offgrid_13x11x5 'plan.further=[$(FURTHER)]'
@@ -100,6 +100,7 @@ point: $(READY) ## the bundle `point` that comes along, made again: sets, filter
 # Filters on large sets: every classifier, label and kind of column, every ingredient of realism left out in turn.
 ROWS ?= 50000
 SEEDS ?= 0,1,2
+MODELS ?= glob(*)
 FEWER = $(shell echo $$(($(ROWS) / 5)))
 WHOLE = plan=varied plan.rows=$(ROWS) 'plan.further=[$(FURTHER),$(TENSORS)]'
 PART = plan=varied plan.rows=$(FEWER)
@@ -136,12 +137,12 @@ large: $(READY) ## filters on 50 000 rows, three seeds, all classifiers, measure
 	$(RUN) generate -m runs=$(LARGE) -- $(WHOLE) -- plan=offgrid_8x6x5,offgrid_13x11x5 $(AWAY)
 	$(RUN) generate -m runs=$(LARGE) $(PART) $(LEFT_OUT)
 	$(RUN) generate -m runs=$(LARGE) plan=offgrid_8x6x5 $(AWAY) $(foreach each,$(CONDITIONS),-- plan.name=offgrid_8x6x5_$(each) $(HEARD_$(each)))
-	$(LEARN) runs=$(LARGE) $(WHOLE) seed=$(SEEDS) -- 'classifier=glob(*)' -- classifier=trees_invariant,trees_features target=reflector,time_and_direction
+	$(LEARN) runs=$(LARGE) $(WHOLE) seed=$(SEEDS) -- 'classifier=$(MODELS)' -- classifier=trees_invariant,trees_features target=reflector,time_and_direction
 	$(LEARN) runs=$(LARGE) $(PART) seed=$(SEEDS) classifier=trees_invariant,trees_features $(LEFT_OUT)
 	$(RUN) compare runs=$(LARGE) name=large workers=$(JOBS) readme=docs/filters.md surveys=[] \
 	  'tested=[offgrid_8x6x5,offgrid_13x11x5,$(subst $(empty) ,$(comma),$(strip $(REPEATED)))]'
 	$(RUN) generate -m runs=$(LARGE)/measured scene=octahedron -- $(WHOLE) $(subst --,-- $(PART),$(LEFT_OUT))
-	$(LEARN) runs=$(LARGE)/measured scene=octahedron seed=$(SEEDS) -- $(WHOLE) 'classifier=glob(*)' \
+	$(LEARN) runs=$(LARGE)/measured scene=octahedron seed=$(SEEDS) -- $(WHOLE) 'classifier=$(MODELS)' \
 	  -- $(WHOLE) classifier=trees_invariant,trees_features target=reflector,time_and_direction \
 	  $(subst --,-- $(PART) classifier=trees_invariant$(comma)trees_features,$(LEFT_OUT))
 	$(RUN) import -m -j $(JOBS) runs=$(LARGE)/measured snr_db=$(LEVELS) draw=0,1
