@@ -108,7 +108,7 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
 def _own_folder(words: Sequence[str]) -> str | None:
     """Return the user's folder that a command line or the environment names."""
     option = "--config-dir"
-    for word, following in zip(words, [*words[1:], ""], strict=True):
+    for word, following in zip(words, [*words[1:], ""], strict=False):
         if word == option:
             return following
         if word.startswith(f"{option}="):
