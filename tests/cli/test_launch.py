@@ -16,7 +16,7 @@ from echolearn.checks import BadValue
 from echolearn.cli.config import UsageError
 from echolearn.cli.sweeps import JobsFailed, complaint, run_all
 
-ROOTS = [(f"x={x:g}", x) for x in (4.0, -1.0, 9.0, -4.0, 2.25)]
+ROOTS = [(f"x={x:g}", x) for x in (4.0, -1.0, -4.0, 9.0, 2.25)]
 
 HERE = {}
 PROCESSES = {"workers": 2}
@@ -51,10 +51,12 @@ def slurm(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("where", EVERYWHERE)
 def test_all_jobs_are_done_and_failures_are_named(where, tmp_path, capsys):
-    with pytest.raises(JobsFailed, match=r"^2 of 5 jobs failed: x=-1; x=-4$"):
-        run_all(math.sqrt, ROOTS, place=tmp_path / "it's = here", **EVERYWHERE[where])
+    # Where each job is a process of its own, three have to do.
+    jobs = ROOTS[:3] if where in ("submitit", "slurm") else ROOTS
+    with pytest.raises(JobsFailed, match=f"^2 of {len(jobs)} jobs failed: x=-1; x=-4$"):
+        run_all(math.sqrt, jobs, place=tmp_path / "it's = here", **EVERYWHERE[where])
     out, err = capsys.readouterr()
-    assert out.split() == ["2.0", "3.0", "1.5"]
+    assert out.split() == ["2.0", "3.0", "1.5"][: len(jobs) - 2]
     failures = [line for line in err.splitlines() if "error" in line]
     assert failures == [f"error: x={x}: ValueError: math domain error" for x in (-1, -4)]
     assert {path.name for path in tmp_path.iterdir()} == (
