@@ -152,7 +152,7 @@ def check_range(name: str, limits: Sequence[float], bounds: Range) -> None:
     check(ascending, name, list(limits), allowed=allowed, hint="are they swapped?")
 
 
-def check_name(name: str, value: object) -> None:
+def check_name(name: str, value: object, *, hint: str = "a path is no name") -> None:
     """Raise `BadValue` unless `value` can name a folder that everybody sees."""
     text = value if isinstance(value, str) else ""
     plain = text.isprintable() and text == text.strip() and "/" not in text
@@ -161,7 +161,7 @@ def check_name(name: str, value: object) -> None:
         name,
         value,
         allowed="must be a name without /, beginning with neither a dot, - nor a blank",
-        hint="a path is no name",
+        hint=hint,
     )
     size = len(str(value).encode())
     check(

@@ -219,6 +219,13 @@ def test_what_is_in_the_way_is_kept(checked, tmp_path):
     assert [path.name for path in place.iterdir()] == ["thesis.tex"]
 
 
+def test_a_folder_whose_name_names_no_page_is_told_how_to_name_it(checked, folder):
+    hidden = folder.rename(folder.parent / ".walk")
+    with pytest.raises(BadValue, match="name=.walk: .*; it is that of the survey's folder; name="):
+        checked(survey=hidden)
+    assert checked(survey=hidden, name="walk").is_file()
+
+
 def test_a_survey_s_name_is_no_markup(checked, folder):
     odd = folder.rename(folder.parent / "<b>&walk")
     text = checked(survey=odd, name="odd").read_text()

@@ -16,7 +16,7 @@ import numpy as np
 from echolearn.checks import BadValue, check, check_name
 from echolearn.robot.check_facts import HEADINGS, UNSEEN, Facts, survey_facts
 from echolearn.robot.check_page import page_of
-from echolearn.robot.choices import open_survey, with_gains
+from echolearn.robot.choices import OF_THE_SURVEY, open_survey, with_gains
 from echolearn.robot.waterfall import waterfall
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
@@ -58,8 +58,9 @@ def check_survey(
     Raises:
         BadValue: a survey that cannot be read; or, the page written, one that `map` would refuse.
     """
+    hint = "a path is no name" if name else OF_THE_SURVEY
     name = name or Path(survey).resolve().name
-    check_name("name", name)
+    check_name("name", name, hint=hint)
     folder = Path(runs) / "check" / name
     _check_free(folder)
     walk, _ = read_proved(Path(survey))

@@ -22,6 +22,9 @@ from echolearn.survey.survey import CALIBRATION, Survey
 if TYPE_CHECKING:
     from echolearn.robot.bundle import Bundle
 
+OF_THE_SURVEY = "it is that of the survey's folder; name=walk gives another"
+"""What to do where the name that a folder has is none for what is made of it."""
+
 OF_THE_FIRST = ("gated", "peaks", "snls")
 """Localizers that take times from microphone 1 alone."""
 

@@ -20,7 +20,7 @@ from echolearn.mapping.accuracy import accuracy_of
 from echolearn.mapping.files import grid, ply, svg, table
 from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.robot.advice import causes
-from echolearn.robot.choices import open_survey, with_gains
+from echolearn.robot.choices import OF_THE_SURVEY, open_survey, with_gains
 from echolearn.robot.map_folder import (
     describe_map,
     finished_map,
@@ -96,8 +96,9 @@ def map_survey(
 
 def _folder(runs: Path, survey: Path, *, bundle: Path, name: str | None) -> Path:
     """Return where a map goes; the arguments are those of `map_survey`."""
+    hint = "a path is no name" if name else OF_THE_SURVEY
     name = name or f"{Path(survey).resolve().name}-{Path(bundle).resolve().name}"
-    check_name("name", name)
+    check_name("name", name, hint=hint)
     return Path(runs) / "maps" / name
 
 
