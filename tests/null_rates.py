@@ -1,14 +1,16 @@
 """How often each test finds a difference where there is none: should be near 5 %.
 
-    python tests/null_rates.py [cases]
+    python tests/null_rates.py [cases [page]]
 
 Two models that are equally good, or k of them, by simulation; an interval counts as a finding where
 it leaves the truth out. What is known to be wrong stands beside it: rows taken for independent,
-folds taken for independent, several tests without a correction.
+folds taken for independent, several tests without a correction. The table is printed, and put into
+the page (docs/statistics.md).
 """
 
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import ttest_1samp
@@ -17,6 +19,14 @@ from echolearn.acoustics.types import Array
 from echolearn.evaluation import pairs, pooling, ranks, stats
 from echolearn.evaluation.metrics import kept
 from echolearn.evaluation.paired_tests import corrected_t, mcnemar
+from echolearn.storage.marked_page import Markers, write_between
+
+PAGE = Markers(
+    "<!-- null rates: written by `python tests/null_rates.py` -->",
+    "<!-- end of null rates -->",
+    "page",
+)
+"""Lines of a page between which the table stands."""
 
 Found = dict[str, bool]
 """Which tests found a difference in one case."""
@@ -143,10 +153,16 @@ def rates(cases: int) -> Iterator[tuple[str, float]]:
             yield name, float(np.mean([each[name] for each in found]))
 
 
+def table(cases: int) -> str:
+    """Return a Markdown table of all rates."""
+    lines = ["| test | finds a difference in |", "|---|---|"]
+    lines += [f"| {name} | {rate:.1%} |" for name, rate in rates(cases)]
+    chance = 1.96 * (0.05 * 0.95 / cases) ** 0.5
+    return "\n".join([*lines, "", f"{cases} cases; of 5 %, chance alone is worth +-{chance:.1%}."])
+
+
 if __name__ == "__main__":
-    cases = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
-    for name, rate in rates(cases):
-        print(f"{name:45} {rate:6.1%}")
-    print(
-        f"\n{cases} cases; their chance alone is worth +-{1.96 * (0.05 * 0.95 / cases) ** 0.5:.1%}"
-    )
+    written = table(int(sys.argv[1]) if len(sys.argv) > 1 else 2000)
+    print(written)
+    if len(sys.argv) > 2:
+        write_between(Path(sys.argv[2]), written, markers=PAGE)

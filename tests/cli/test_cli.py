@@ -12,10 +12,13 @@ from pathlib import Path
 import pytest
 
 import echolearn
-from echolearn.cli.commands import COMMANDS
-from echolearn.cli.config import folder
+from echolearn.checks import BadValue
+from echolearn.cli.commands import COMMANDS, _plan_of, _without
+from echolearn.cli.compose import compose
+from echolearn.cli.config import build, folder
 from echolearn.cli.main import main
-from echolearn.storage import manifests
+from echolearn.dataset.generate import folder_of
+from echolearn.storage import known, manifests
 
 SMALL = (
     "plan=tiny plan.step=4.0 plan.height=3.0 plan.shard_rows=2 plan.room.t60=0.25 "
@@ -362,3 +365,34 @@ def test_output_that_nobody_reads_is_no_success(words):
     assert process.wait(60) == 141
     assert process.stderr.read() == ""
     process.stderr.close()
+
+
+def test_columns_are_left_out_of_a_classifiers_configuration():
+    given = {"_target_": "x", "inputs": ["score", "joint", "toa"]}
+    assert _without(given, []) == given
+    assert _without(given, ["joint"]) == given | {"inputs": ["score", "toa"]}
+    for columns, message in (
+        (["power"], r"^without=\['power'\]: must be some of score, joint, toa"),
+        (["toa", "joint", "score"], "must leave one at least of score"),
+    ):
+        with pytest.raises(BadValue, match=message):
+            _without(given, columns)
+
+
+def test_a_plan_is_composed_again_for_a_set_that_was_made_here(tmp_path, monkeypatch):
+    """Not for one whose command a stranger may have written, nor one of another plan."""
+
+    class Made:
+        def __init__(self, command, name):
+            self.manifest = {"command": command, "sha256": "0" * 64}
+            self.folder = tmp_path / name
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    command = "echolearn generate plan=tiny plan.seed=3"
+    config = dict(compose("generate", ["plan=tiny", "plan.seed=3"]))[""]
+    name = folder_of(build(config["plan"], "plan"), tmp_path).name
+    assert _plan_of(Made(command, name)) is None
+    known.remember("0" * 64, known.MADE)
+    assert _plan_of(Made(command, name)).seed == 3
+    assert _plan_of(Made("echolearn generate plan=tiny", name)) is None
+    assert _plan_of(Made("echolearn generate plan=nowhere", name)) is None

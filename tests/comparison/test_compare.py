@@ -21,13 +21,15 @@ from echolearn.comparison.compare import (
 )
 from echolearn.comparison.drawings import draw_all
 from echolearn.comparison.evaluate import against_baseline
+from echolearn.comparison.examined import examine, examined_files
+from echolearn.comparison.examined_figures import draw_examined
 from echolearn.comparison.finding import find_set, find_survey
 from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings, pick, to_csv
 from echolearn.storage import manifests
 from echolearn.training.runs import load_runs
 from world import POSES, TRAINED, WALKS, coming_second
 
-ABOUT = "role,method,split,target,kind,set_role,room,localizer"
+ABOUT = "role,method,split,target,kind,set_role,room,localizer,train_rows,without"
 TABLES = {
     "results.csv": "classifier,trained_on,tested_on,seed,snr_db,noise,metric,"
     "value,ci_low,ci_high,n",
@@ -54,8 +56,9 @@ def results(compared):
 def test_the_columns_are_the_documented_ones(compared):
     documented = (Path(__file__).parents[2] / "docs" / "formats.md").read_text()
     for name, columns in TABLES.items():
-        assert (compared / name).read_text().splitlines()[0] == f"{columns},{ABOUT}"
-        for column in (*columns.split(","), *ABOUT.split(",")):
+        further = ",test" if name == "tests.csv" else ""
+        assert (compared / name).read_text().splitlines()[0] == f"{columns},{ABOUT}{further}"
+        for column in (*columns.split(","), *ABOUT.split(","), "test"):
             assert f"`{column}`" in documented
 
 
@@ -121,14 +124,22 @@ def test_a_run_is_evaluated_by_what_it_held_out_where_any_was_trained(results, c
 
 
 def test_models_are_tested_where_they_are_new_and_points_have_one_localizer(compared):
-    tests = table(compared / "tests.csv")
+    every = table(compared / "tests.csv")
+    tests = pick(every, test="swaps", against="threshold_peak")
     places = {("offgrid_hall", "", "auc")}
     places |= {(walk, "gated", "balanced_accuracy") for walk in WALKS}
     assert {(t["tested_on"], t["localizer"], t["metric"]) for t in tests} == places
     tested = {("svm_pair", "scattered"), ("trees_features", "scattered"), ("svm_pair", "grid")}
     for place, _, _ in places:
         assert {(t["classifier"], t["trained_on"]) for t in pick(tests, tested_on=place)} == tested
-    assert {t["against"] for t in tests} == {"threshold_peak"}
+    # Of those on the set made for training, also against the best by validation rows.
+    further = [row for row in every if row not in tests]
+    asked = {(row["test"], row["against"]) for row in further if row["test"] != "bootstrap"}
+    assert asked == {
+        ("mcnemar", "threshold_peak"), ("mcnemar", "trees_features"), ("swaps", "trees_features")
+    }  # fmt: skip
+    assert {row["trained_on"] for row in pick(further, against="trees_features")} == {"scattered"}
+    assert all(float(row["p_holm"]) >= float(row["p"]) for row in every)
 
 
 def test_seeds_that_the_threshold_lacks_are_not_tested():
@@ -167,8 +178,12 @@ def flip(path):
     path.write_bytes(bytes(content))
 
 
-def test_the_number_of_workers_changes_nothing(comparison, compared):
-    made = report.make(comparison, drawings=draw_all(comparison), name="small")
+def test_the_number_of_workers_changes_nothing(world, comparison, compared):
+    folders = {dataset.digest: dataset.folder for dataset in world.sets.values()}
+    examined = examine(comparison, trained=folders, plan_of=lambda dataset: None, resamples=50)
+    drawings = draw_all(comparison) | draw_examined(examined, comparison)
+    made = report.make(comparison, drawings=drawings, name="small", examined=examined)
+    made |= examined_files(examined, comparison)
     made["results.csv"] = to_csv(comparison.rows, COLUMNS.split())
     made["tests.csv"] = to_csv(comparison.tests, TEST_COLUMNS.split())
     for name, content in made.items():
@@ -205,7 +220,8 @@ def test_other_inputs_are_evaluated_anew(world, compared, tmp_path):
     assert manifest["command"] == command
     assert set(manifest["inputs"]["runs"]) == {run.identity for run in load_runs(tmp_path)}
     assert set(manifest["files"]) == {
-        "results.csv", "tests.csv", "report.html", "table.md",
+        "results.csv", "tests.csv", "report.html", "table.md", "importance.csv", "ranks.csv",
+        "shifts.csv", "warnings.csv", "worst.csv", "figures/importance.svg", "figures/ranks.svg",
         "figures/arrival_times.svg", "figures/bands.svg", "figures/belief.svg",
     }  # fmt: skip
     assert (folder / "table.md").read_text() in readme.read_text()

@@ -9,7 +9,6 @@ import pytest
 
 from echolearn.acoustics.sides import closed
 from echolearn.comparison import choice, tables
-from echolearn.comparison.choice import Comparison
 from echolearn.comparison.pivot import pivot
 from echolearn.evaluation.rows import (
     SNR_BANDS_DB,
@@ -20,37 +19,7 @@ from echolearn.evaluation.rows import (
     pick,
 )
 from echolearn.training.runs import Run
-
-COLUMNS = ("toa",)
-TENSOR = ("covariance",)
-
-
-def row(classifier, trained_on, tested_on, value, **more):
-    """Return a row of results on a set with the mean over seeds."""
-    role, split, target = ("reference", "", "") if trained_on == "-" else LEARNED
-    model = Model(classifier, trained_on, role, "", split, target)
-    common = {"seed": "", "snr_db": "", "metric": "auc", "value": value}
-    return model.columns() | Recordings(tested_on, "set")._asdict() | common | more
-
-
-LEARNED = ("learned", "position", "reflector")
-
-
-def trained(classifier, trained_on, *balanced, method="svm", **more):
-    """Return a model with a run per seed that has these validation figures."""
-    inputs = TENSOR if classifier.startswith("covnet") else COLUMNS
-    role = "baseline" if method == "threshold" else "learned"
-    model = Model(classifier, trained_on, role, method, "position", "reflector")._replace(**more)
-    runs = []
-    for seed, share in enumerate(balanced):
-        figures = {"validation": {"balanced_accuracy": share}, "seed": seed, "inputs": inputs}
-        runs.append(Run(Path(), figures))
-    return model, runs
-
-
-def bare(*models, **more):
-    """Return a comparison that knows nothing else."""
-    return replace(Comparison(dict(models), {}, {}, {}, [], []), **more)
+from small_comparisons import bare, row, trained
 
 
 def walk(name, room, snr_db, localizer="gated"):

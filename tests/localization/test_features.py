@@ -6,14 +6,16 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from echolearn.acoustics.geometry import SearchWindow
+from echolearn.acoustics.geometry import SearchWindow, direction
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.bench import equations
 from echolearn.localization import features
 from echolearn.localization.beamforming import azimuth_grid
+from echolearn.localization.cfar import cfar
 from echolearn.localization.columns import (
     AGREEMENT,
+    CFAR,
     COLUMNS,
     COVARIANCE_BANDS,
     EVERY_COLUMN,
@@ -312,3 +314,32 @@ def test_an_echo_outside_the_window_is_taken_at_its_edge():
     matched, echoes = estimated(noisy(0.9, 0.1))
     columns = features.describe([matched], replace(echoes, toa=np.array([[1.0]])))
     assert all(np.isfinite(column).all() for column in columns.values())
+
+
+def test_cfar_divides_by_the_ring_around_the_echo():
+    """A literal loop over cells; what is within the guard, or far away, does not count."""
+    matched, echoes = estimated(noisy(0.4, 0.1), noisy(-2.9, 0.5))
+    index = matched.index(echoes.toa[:, 0])
+    toward = direction(echoes.azimuth[:, 0], echoes.elevation[:, 0])
+    found = cfar(matched, index, toward=toward)
+    here = features.steered_columns(matched, index, toward=toward)
+    rms = np.sqrt(np.mean(np.square(matched.steered, dtype=float), axis=(1, 2)))
+    grid = direction(*matched.directions)
+    for row in range(2):
+        cells = []
+        for cell, power in np.ndenumerate(np.square(matched.steered[row], dtype=float)):
+            late = abs(cell[1] - index[row])
+            angle = np.degrees(np.arccos(np.clip(grid[cell[0]] @ toward[row], -1, 1)))
+            near = late < 5 and angle < 30 - 1e-6
+            if late <= 32 and angle <= 90 + 1e-6 and not near:
+                cells.append(power)
+        joint = here["joint"][row] * rms[row]
+        assert found[row] == pytest.approx(joint / np.sqrt(np.mean(cells)), rel=1e-5)
+
+
+def test_cfar_does_not_know_the_gain_and_falls_with_noise_where_the_echo_is():
+    quiet, loud, turned_up = (
+        described(each)[CFAR][0]
+        for each in (noisy(0.4, 0.1), noisy(0.4, 1.0), 7.0 * noisy(0.4, 0.1))
+    )
+    assert turned_up == pytest.approx(quiet) and quiet > 1.3 * loud

@@ -7,6 +7,7 @@ import resource
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -26,6 +27,7 @@ from echolearn.storage import files, manifests
 from echolearn.storage.identity import digest
 from echolearn.training import train as training
 from echolearn.training.predictions import load_scorer
+from echolearn.training.runs import check_metrics, read_run
 from echolearn.training.split import LearningProblem
 
 METHODS = "echolearn.classifiers.methods."
@@ -142,6 +144,21 @@ class TestDivision:
         assert bool(known & {*toy["group"][parts.test]}) is shared
         assert bool(known & {*toy["group"][parts.validation]}) is shared
 
+    def test_fewer_training_rows_are_part_of_more_and_nothing_else_changes(self, toy):
+        """Whole positions of two rows; who asks for more than there are has all."""
+        whole = LearningProblem(toy, seed=4).parts()
+        parts = [LearningProblem(toy, seed=4, train_rows=n).parts() for n in (20, 61, 10**6)]
+        few, more, every = ({*each.train} for each in parts)
+        assert (len(few), len(more)) == (20, 60) and few < more < every == {*whole.train}
+        for each in parts:
+            assert np.array_equal(each.validation, whole.validation)
+            assert np.array_equal(each.test, whole.test)
+            assert all(np.bincount(toy["group"][each.train])[toy["group"][each.train]] == 2)
+        identities = [LearningProblem(toy, train_rows=n).identity() for n in (None, 20)]
+        assert identities[1] == identities[0] | {"train_rows": 20}
+        with pytest.raises(BadValue, match="^train_rows=9"):
+            LearningProblem(toy, train_rows=9)
+
     def test_folds_cover_all_but_the_test_part_once(self, toy):
         problem = LearningProblem(toy, seed=4)
         parts = problem.parts()
@@ -205,6 +222,10 @@ class TestRun:
         assert re.fullmatch(result["run"] + line, capfd.readouterr().err)
         auc = result["cross_validation"]["auc"]
         assert auc["mean"] == pytest.approx(0.92, abs=0.06) and 0 < auc["sd"] < 0.1
+        assert auc["mean"] == pytest.approx(np.mean(auc["values"])) and len(auc["values"]) == 3
+        # A third of what is not for testing, over four fifths of the rest.
+        ratio = result["cross_validation"]["test_to_training"]
+        assert ratio == pytest.approx((1 / 3) / (0.8 * 2 / 3), rel=0.05)
         search = result["grid_search"]
         assert search["gamma"] in SVM["gamma_grid"]
         assert search["search_rows"] == search["fit_rows"] == result["rows"]["train"]
@@ -215,6 +236,17 @@ class TestRun:
         grid = [[each.value for each in events.Scalars(tag)] for tag in tags]
         assert np.shape(grid) == (len(SVM["gamma_grid"]), len(SVM["c_grid"]))
         assert np.max(grid) == pytest.approx(search["auc"])
+
+    def test_what_a_training_was_without_is_told_by_its_model(self, toy, tmp_path):
+        problem = LearningProblem(toy, train_rows=100)
+        result = train(problem, THRESHOLD, tmp_path, without=["power", "joint"])
+        run = read_run(tmp_path / "train" / result["run"])
+        assert (run.model.train_rows, run.model.without) == ("100", "power joint")
+        assert run.model.training == "toy (on_map, 100 rows, without power joint)"
+        assert run.model.full.training == "toy (on_map)"
+        odd = replace(run, metrics={**run.metrics, "without": ["snr_db"]})
+        with pytest.raises(BadValue, match="metrics.json without"):
+            check_metrics(odd)
 
     def test_finding_a_finished_run_loads_no_learning_library(self, done, method, toy):
         code = f"""

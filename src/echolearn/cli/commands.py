@@ -9,6 +9,7 @@ A command receives plain containers, as `compose.compose` returns them; its docs
 import re
 import shlex
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from echolearn.cli.config import Config
     from echolearn.dataset.labelled_set import Dataset
+    from echolearn.dataset.plans import Plan
 
 
 def _generate(config: "Config") -> Path:
@@ -36,8 +38,8 @@ def _train(config: "Config") -> Path:
     from echolearn.training.split import LearningProblem
     from echolearn.training.train import train
 
-    classifier = config["classifier"]
-    division = _built(config, "target seed split test_share validation_share")
+    classifier = _without(config["classifier"], config["without"])
+    division = _built(config, "target seed split test_share validation_share train_rows")
     result = train(
         LearningProblem(_open_set(config), **division),
         # Built only if it has to be trained, since its library takes seconds to load.
@@ -45,9 +47,27 @@ def _train(config: "Config") -> Path:
         config=by_short_names(classifier),
         runs=Path(config["runs"]),
         microphones=build(config["scene"]["array"], "scene.array").positions,
-        **_built(config, "name folds calibration aim command"),
+        **_built(config, "name folds calibration aim without command"),
     )
     return Path(config["runs"]) / "train" / str(result["run"])
+
+
+def _without(classifier: "Config", columns: list[str]) -> "Config":
+    """Return a classifier's configuration without some of its inputs.
+
+    Raises:
+        BadValue: one that it does not have, or all of them.
+    """
+    from echolearn.checks import check, check_list
+
+    check_list("without", columns)
+    inputs = list(classifier["inputs"])
+    unknown = [name for name in columns if name not in inputs]
+    check(not unknown, "without", unknown, allowed=f"must be some of {', '.join(inputs)}")
+    left = [name for name in inputs if name not in columns]
+    allowed = f"must leave one at least of {', '.join(inputs)}"
+    check(bool(left), "without", columns, allowed=allowed)
+    return {**classifier, "inputs": left}
 
 
 def _survey(config: "Config") -> Path:
@@ -81,8 +101,31 @@ def _compare(config: "Config") -> None:
     compare(
         runs=Path(config["runs"]),
         readme=_path(config["readme"]),
+        plan_of=_plan_of,
         **_built(config, "name tested surveys bundles localizers workers resamples command"),
     )
+
+
+def _plan_of(dataset: "Dataset") -> "Plan | None":
+    """Return the plan that a set was made by, composed anew; None of a set from elsewhere.
+
+    A stranger's command is not composed: it could name code to be called.
+    """
+    from echolearn.checks import BadValue
+    from echolearn.cli.compose import compose
+    from echolearn.cli.config import UsageError, build
+    from echolearn.dataset.generate import folder_of
+    from echolearn.storage import known
+
+    manifest = dataset.manifest
+    if "command" not in manifest or not known.is_known(manifest["sha256"], known.MADE):
+        return None
+    with suppress(BadValue, UsageError):
+        [(_, config)] = compose("generate", shlex.split(manifest["command"])[2:])
+        plan: Plan = build(config["plan"], "plan")
+        if folder_of(plan, Path()).name == dataset.folder.resolve().name:
+            return plan
+    return None
 
 
 def _study(config: "Config") -> None:

@@ -65,13 +65,42 @@ def trained(comparison: Comparison) -> Mapping[Model, Sequence[Run]]:
     return {model: runs for model, runs in every if model.role != BUNDLE}
 
 
+def is_evaluated(comparison: Comparison, model: Model, name: str) -> bool:
+    """Tell whether a model has figures on a set: it fits its robot and its columns."""
+    rows = pick(comparison.rows, tested_on=name, kind="set", **model._asdict())
+    return any(row["metric"] not in UNFIT for row in rows)
+
+
 def ranked(comparison: Comparison, training: str) -> list[Model]:
     """Return the models of a training, best balanced accuracy on validation rows first."""
     shares = {}
     for model, runs in trained(comparison).items():
         if model.training == training:
-            shares[model] = mean(map(_validated, runs))
+            shares[model] = _shown(runs)
     return sorted(shares, key=lambda model: (-shares[model], model.classifier))
+
+
+def closely(models: Mapping[Model, Sequence[Run]], roles: Mapping[str, str]) -> dict[str, Model]:
+    """Return the best learned model of each training that is made to be used, by training.
+
+    The others are tested against it: of sets made for training, or of all if there are none, where
+    a bare threshold is among them.
+    """
+    compared = {model.training for model in models if model.role == "baseline"}
+    made = [model for model in models if roles.get(model.trained_on) == "training"]
+    best: dict[str, Model] = {}
+    for model in made or models:
+        if model.role != "learned" or model != model.full or model.training not in compared:
+            continue
+        known = best.setdefault(model.training, model)
+        if _shown(models[model]) > _shown(models[known]):
+            best[model.training] = model
+    return best
+
+
+def _shown(runs: Sequence[Run]) -> float:
+    """Return the mean balanced accuracy of runs on their own validation rows."""
+    return mean(map(_validated, runs))
 
 
 def chosen(comparison: Comparison) -> Model:

@@ -17,9 +17,12 @@ from echolearn.checks import BadValue, check, check_list, check_name, check_whol
 from echolearn.comparison import report, robustness
 from echolearn.comparison.choice import Comparison, chosen_run
 from echolearn.comparison.evaluate import Inputs, evaluate
+from echolearn.comparison.examined import Examined, examine, examined_files
 from echolearn.comparison.finding import find_set, find_survey, survey_digest
 from echolearn.comparison.fitting import robot_in
 from echolearn.comparison.recorded import is_examined
+from echolearn.comparison.warnings import tell
+from echolearn.comparison.worst import PlanOf
 from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.evaluation.rows import BUNDLE, to_csv
 from echolearn.localization.localizer import Localizer
@@ -39,13 +42,13 @@ from echolearn.storage.marked_page import around
 from echolearn.storage.once import once
 from echolearn.training.runs import load_runs
 
-ABOUT = " role method split target kind set_role room localizer"
+ABOUT = " role method split target kind set_role room localizer train_rows without"
 """Columns of both tables that tell what a row is about, so that no name need be taken apart."""
 
 COLUMNS = "classifier trained_on tested_on seed snr_db noise metric value ci_low ci_high n" + ABOUT
 TEST_COLUMNS = (
     "classifier against trained_on tested_on snr_db metric difference ci_low ci_high p p_holm n"
-) + ABOUT
+) + f"{ABOUT} test"
 
 
 def compare(
@@ -59,6 +62,7 @@ def compare(
     resamples: int = 1000,
     workers: int = 1,
     readme: Path | None = None,
+    plan_of: PlanOf = lambda dataset: None,
     command: str | None = None,
 ) -> Path:
     """Evaluate all trained runs and return the comparison's folder; a finished one is only shown.
@@ -73,6 +77,8 @@ def compare(
         resamples: bootstrap draws behind every interval.
         workers: processes; the result does not depend on their number.
         readme: a file whose results table, between markers, is replaced; None leaves it.
+        plan_of: the plan that a set was made by, or None; of sets with one, the recordings of the
+            worst errors are made again and drawn.
         command: what makes the comparison again, for its manifest; None says nothing about it.
 
     Raises:
@@ -90,8 +96,10 @@ def compare(
     def make() -> Contents:
         """Evaluate everything, write the comparison, and return what of it is shown."""
         comparison = evaluate(inputs, resamples=resamples, workers=workers)
+        examined = examine(comparison, trained=inputs.trained, plan_of=plan_of, resamples=resamples)
+        tell(examined.warnings)
         about = {"kind": "comparison", "inputs": known} | command_entry(command)
-        return _write(folder, comparison, about=about)
+        return _write(folder, comparison, examined, about=about)
 
     # Shown is what this command has made or found: another one may write into the folder by now.
     found = once(folder, finished=partial(_finished, folder, known), make=make, doing="makes it")
@@ -150,7 +158,8 @@ def load_inputs(
     check(len(models) > 0, "runs", runs, allowed="must be a folder with trained runs", hint=hint)
     enough = len(localizers) > 0 or not surveys
     check(enough, "localizers", "{}", allowed="must hold at least one, to localize the surveys")
-    known = _known_sets(runs)
+    folders = _known_sets(runs)
+    known = list(folders.values())
     plans = [each["plan"] for each in known]
     robots = {
         digest(each["files"]): robot_in(each["plan"]["scene"])
@@ -165,15 +174,21 @@ def load_inputs(
         {key: find_survey(runs, key) for key in surveys},
         localizers,
         {run.data_digest: robot for run, robot in found} | robots,
+        {
+            digest(each["files"]): folder
+            for folder, each in folders.items()
+            if each.get("format") == FORMAT
+        },
     )
 
 
-def _known_sets(runs: Path) -> list[dict[str, Any]]:
-    """Return the manifests of all sets that tell their plan."""
+def _known_sets(runs: Path) -> dict[Path, dict[str, Any]]:
+    """Return the manifests of all sets that tell their plan, by folder."""
     # A training set's role is wanted also where the set itself is not among those tested; sets of
     # another version, which have none, may stand beside them.
-    there = [load_manifest(path.parent) for path in runs.glob(f"data/*/{MANIFEST}")]
-    return [each for each in there if _tells_plan(each)]
+    folders = [path.parent for path in runs.glob(f"data/*/{MANIFEST}")]
+    there = {folder: load_manifest(folder) for folder in folders}
+    return {folder: each for folder, each in there.items() if _tells_plan(each)}
 
 
 def _tells_plan(manifest: Mapping[str, Any]) -> bool:
@@ -213,8 +228,19 @@ def _finished(folder: Path, inputs: Mapping[str, Any]) -> Contents | None:
     return None
 
 
-def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) -> Contents:
+def _write(
+    folder: Path, comparison: Comparison, examined: Examined, *, about: Mapping[str, Any]
+) -> Contents:
+    """Write a comparison's files, and return those that are shown.
+
+    Args:
+        folder: of the comparison.
+        comparison: what was found.
+        examined: what is known of it besides.
+        about: entries of its manifest.
+    """
     from echolearn.comparison.drawings import draw_all
+    from echolearn.comparison.examined_figures import draw_examined
 
     # What an interrupted command or another comparison of this name has left goes first.
     clean(folder)
@@ -225,7 +251,9 @@ def _write(folder: Path, comparison: Comparison, *, about: Mapping[str, Any]) ->
     }
     if comparison.repeated:
         files["robustness.csv"] = to_csv(comparison.repeated, robustness.COLUMNS.split())
-    files |= report.make(comparison, drawings=draw_all(comparison), name=folder.name)
+    files |= examined_files(examined, comparison)
+    drawings = draw_all(comparison) | draw_examined(examined, comparison)
+    files |= report.make(comparison, drawings=drawings, name=folder.name, examined=examined)
     for file, content in files.items():
         write_atomic(folder / file, content)
     finish(folder, {**about, "chosen": chosen_run(comparison).identity}, files)

@@ -8,8 +8,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from echolearn.checks import check
-from echolearn.comparison.choice import Comparison
+from echolearn.comparison.choice import Comparison, closely
 from echolearn.comparison.fitting import (
     Robot,
     robot_in,
@@ -19,7 +21,15 @@ from echolearn.comparison.fitting import (
 )
 from echolearn.comparison.localized import localize_survey
 from echolearn.comparison.measured import Unheard, grouped, is_mapped, measured_rows
+from echolearn.comparison.pooled import (
+    Share,
+    pooled_rows,
+    pooled_tests,
+    set_shares,
+    walk_shares,
+)
 from echolearn.comparison.recorded import examined, is_examined, lines_of
+from echolearn.comparison.rivals import BASELINE, baselines, fold_tests, further_tests
 from echolearn.comparison.robustness import changes, under_conditions
 from echolearn.comparison.tables import SHOWN_DB
 from echolearn.dataset.labelled_set import Dataset
@@ -51,9 +61,6 @@ from echolearn.training.predictions import (
 )
 from echolearn.training.runs import Run
 
-BASELINE = "threshold_peak"
-"""The bare threshold that every other model is tested against."""
-
 Models = Mapping[Model, Sequence[Run]]
 """Finished runs of each model, one for each seed."""
 
@@ -69,6 +76,7 @@ class Inputs:
         surveys: folders of surveys by name.
         localizers: localizers by name; the points of the first one are tested in pairs.
         robots: robots of training sets, by the sets' digests.
+        trained: folders of these sets, likewise.
     """
 
     models: Models
@@ -77,15 +85,17 @@ class Inputs:
     surveys: Mapping[str, Path]
     localizers: Mapping[str, Localizer]
     robots: Mapping[str, Robot] = field(default_factory=dict)
+    trained: Mapping[str, Path] = field(default_factory=dict)
 
 
 class Evaluation(NamedTuple):
-    """What was found on a set or surveys: rows of results.csv and of tests.csv, and the survey."""
+    """What was found on a set or surveys: rows of both tables, the survey, what is pooled."""
 
     rows: list[Row]
     tests: list[Row]
     survey: LocalizedSurvey | None = None
     measured: MeasuredRows | None = None
+    shares: Sequence[Share] = ()
 
 
 def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
@@ -97,6 +107,8 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
         workers: processes; the result does not depend on their number.
     """
     models = inputs.models
+    best = closely(models, inputs.roles)
+    repeated = under_conditions(inputs.sets)
     jobs = []
     mapped = [folder for folder in inputs.surveys.values() if is_mapped(folder)]
     with processes(workers) as pool:
@@ -107,10 +119,11 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
             print(line, file=sys.stderr, flush=True)
         shared: Any = {"robots": inputs.robots, "resamples": resamples}
         for dataset in inputs.sets.values():
-            jobs.append(pool.submit(evaluate_set, models, dataset.folder, **shared))
+            jobs.append(pool.submit(evaluate_set, models, dataset.folder, best=best, **shared))
         about = shared | {"localizers": inputs.localizers, "healths": healths}
         for folder, name in product(mapped, inputs.localizers):
-            jobs.append(pool.submit(evaluate_survey, models, folder, name=name, **about))
+            given = about | {"name": name, "best": best}
+            jobs.append(pool.submit(evaluate_survey, models, folder, **given))
         for (group, folders), name in product(grouped(inputs.surveys).items(), inputs.localizers):
             given = about | {"name": name}
             jobs.append(pool.submit(evaluate_measured, models, group, folders=folders, **given))
@@ -118,11 +131,15 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
         done = [job.result() for job in waiting]
     rows: list[Row] = []
     tests: list[Row] = []
+    shares: list[Share] = []
     surveys = {}
     measured = {}
     for found in done:
         rows += found.rows
         tests += found.tests
+        # Another condition at the same positions is no further room.
+        if not found.rows or found.rows[0]["tested_on"] not in repeated:
+            shares += found.shares
         if found.survey:
             source = found.survey.labelled.source
             surveys[source.tested_on, source.localizer] = found.survey
@@ -131,10 +148,11 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
             measured[source.tested_on, source.localizer] = found.measured
     # All tests of a family are corrected together, so only when all of them are known.
     check_some_fit(rows)
-    corrected = pairs.correct(tests)
-    repeated = evaluate_conditions(inputs, resamples=resamples)
+    rows += pooled_rows(shares)
+    corrected = pairs.correct([*tests, *pooled_tests(shares), *fold_tests(models)])
+    changed = evaluate_conditions(inputs, resamples=resamples)
     return Comparison(
-        models, inputs.roles, inputs.sets, surveys, rows, corrected, measured, repeated
+        models, inputs.roles, inputs.sets, surveys, rows, corrected, measured, changed
     )
 
 
@@ -149,7 +167,12 @@ def check_some_fit(rows: Sequence[Row]) -> None:
 
 
 def evaluate_set(
-    models: Models, folder: Path, *, robots: Mapping[str, Robot], resamples: int
+    models: Models,
+    folder: Path,
+    *,
+    robots: Mapping[str, Robot],
+    resamples: int,
+    best: Mapping[str, Model] = MappingProxyType({}),
 ) -> Evaluation:
     """Evaluate models on a labelled set.
 
@@ -161,6 +184,7 @@ def evaluate_set(
         folder: folder of the set.
         robots: robots of training sets, by the sets' digests.
         resamples: bootstrap draws.
+        best: best learned model of each training that is looked at closely.
     """
     dataset = Dataset(folder)
     labelled = label_rows(dataset, resamples=resamples)
@@ -177,8 +201,15 @@ def evaluate_set(
         target = dataset[model.target or PAPER].astype(bool)
         rows.extend(score_calibration(model, given, labelled=replace(labelled, reference=target)))
     rows += unfit_rows(unfit, labelled.source)
-    tests = [] if known else list(against_baseline(predictions, labelled, metric="auc"))
-    return Evaluation(rows, tests)
+    if known:
+        return Evaluation(rows, [])
+    tests = [
+        *against_baseline(predictions, labelled, metric="auc"),
+        *further_tests(predictions, labelled, metric="auc", best=best),
+    ]
+    positions = len(np.unique(labelled.groups))
+    shares = set_shares(rows, labelled.source, positions=positions)
+    return Evaluation(rows, tests, shares=shares)
 
 
 def fitting_set(
@@ -216,6 +247,7 @@ def evaluate_survey(
     name: str,
     robots: Mapping[str, Robot],
     resamples: int,
+    best: Mapping[str, Model] = MappingProxyType({}),
     healths: Mapping[Path, Health] = MappingProxyType({}),
 ) -> Evaluation:
     """Evaluate models by the maps they leave of a survey.
@@ -229,6 +261,7 @@ def evaluate_survey(
         name: name of the one that estimates the echoes.
         robots: robots of training sets, by the sets' digests.
         resamples: bootstrap draws.
+        best: best learned model of each training that is looked at closely.
         healths: what recordings say about themselves, of surveys that were examined.
     """
     about: Any = {"further": looked_at(models), "health": healths.get(folder)}
@@ -242,10 +275,17 @@ def evaluate_survey(
     for model, each in everyone.items():
         rows.extend(scoring.score_map(model, each, survey=survey))
     rows += unfit_rows(unfit, survey.labelled.source)
-    if name != next(iter(localizers)) or survey.snr_db not in SHOWN_DB:
+    if name != next(iter(localizers)):
         return Evaluation(rows, [], survey)
+    shares = list(walk_shares(predictions, survey))
+    if survey.snr_db not in SHOWN_DB:
+        return Evaluation(rows, [], survey, shares=shares)
     about = {"metric": "balanced_accuracy", "snr_db": survey.snr_db}
-    return Evaluation(rows, list(against_baseline(predictions, survey.labelled, **about)), survey)
+    tests = [
+        *against_baseline(predictions, survey.labelled, **about),
+        *further_tests(predictions, survey.labelled, best=best, **about),
+    ]
+    return Evaluation(rows, tests, survey, shares=shares)
 
 
 def evaluate_measured(
@@ -327,12 +367,9 @@ def against_baseline(
         snr_db: entry of that column.
     """
     # A threshold's scale is learned as well, so each training has its own.
-    baselines = {}
+    bare = {training: predictions[model] for training, model in baselines(predictions).items()}
     for model, given in predictions.items():
-        if model.classifier == BASELINE:
-            baselines[model.training] = given
-    for model, given in predictions.items():
-        baseline = baselines.get(model.training, ())
+        baseline = bare.get(model.training, ())
         leaky = model.split == "row"
         if model.classifier != BASELINE and not leaky and pairs.pair_seeds(given, baseline):
             found = pairs.paired_difference(given, baseline, labelled=labelled, metric=metric)

@@ -15,6 +15,7 @@ from os import cpu_count
 from pathlib import Path
 
 from echolearn.comparison.choice import Comparison
+from echolearn.comparison.examined import Examined, examined_facts
 from echolearn.comparison.tables import gather
 from echolearn.comparison.template import template
 from echolearn.storage.manifests import Contents
@@ -35,13 +36,20 @@ SHOWN = ("table.md", "figures/maps_first.svg")
 """Files of a comparison that are printed or put beside a README, the better picture first."""
 
 
-def make(comparison: Comparison, *, drawings: Mapping[str, str], name: str) -> dict[str, bytes]:
+def make(
+    comparison: Comparison,
+    *,
+    drawings: Mapping[str, str],
+    name: str,
+    examined: Examined = Examined(),  # noqa: B008, a frozen value
+) -> dict[str, bytes]:
     """Return the report's files by name: `report.html`, `table.md` and `figures/*.svg`.
 
     Args:
         comparison: what was found.
         drawings: SVG of each figure by name (`drawings.draw_all`).
         name: of the comparison.
+        examined: what is known of it besides.
     """
     files = {}
     images = {}
@@ -49,7 +57,7 @@ def make(comparison: Comparison, *, drawings: Mapping[str, str], name: str) -> d
         files[f"figures/{figure}.svg"] = svg.encode()
         # Within the page, so that it needs no other file.
         images[figure] = "data:image/svg+xml;base64," + b64encode(svg.encode()).decode()
-    facts = gather(comparison) | {"name": name}
+    facts = gather(comparison) | examined_facts(examined, comparison) | {"name": name}
     page = template("report.html").render(images=images, machine=machine(), **facts)
     table = template("table.md").render(**facts)
     return {"report.html": page.encode(), "table.md": table.encode()} | files

@@ -15,6 +15,7 @@ from echolearn.comparison.calibration_tables import calibration_table, own_table
 from echolearn.comparison.choice import Comparison, chosen, headline, trained
 from echolearn.comparison.measured_tables import measured_tables
 from echolearn.comparison.pivot import Table, pivot
+from echolearn.comparison.rivals import BASELINE
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation.rows import (
     BUNDLE,
@@ -93,7 +94,8 @@ def gather(comparison: Comparison) -> dict[str, Any]:
     localizer = main_localizer(comparison)
     surveys = comparison.surveys.values()
     rows = placed(pick(comparison.rows, seed=""), surveys)
-    tests = pick(placed(comparison.tests, surveys), training=source)
+    placed_tests = placed(comparison.tests, surveys)
+    tests = pick(placed_tests, training=source, test="swaps", against=BASELINE)
     here = pick(rows, training=("-", source))
     left = pick(here, kind="survey", classifier=best.classifier)
     runs = [run for seeds in trained(comparison).values() for run in seeds]

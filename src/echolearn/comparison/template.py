@@ -90,5 +90,10 @@ def shares(line: Mapping[Any, Row], prefix: str, level: str) -> str:
     return " / ".join(values)
 
 
-FILTERS = (number, interval, signed, shade, figure, shares)
+def p_value(p: float) -> str:
+    """Return a p value to three decimals, or that it is smaller."""
+    return "less than 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+FILTERS = (number, interval, signed, shade, figure, shares, p_value)
 """What templates format figures by."""

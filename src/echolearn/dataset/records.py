@@ -65,6 +65,29 @@ def records(plan: Plan, rows: range) -> Array:
     if plan.localizer.whiten and len(rows) > 1:
         return np.concatenate([records(plan, range(row, row + 1)) for row in rows])
 
+    observation, spots = recorded(plan, rows)
+    names = (*COLUMNS, *TENSORS, *plan.further)
+    echoes, columns = localize(observation, plan.localizer, names=names)
+    estimates = np.stack([echoes.toa, echoes.azimuth, echoes.elevation], axis=-1)
+    contexts = [_context(spot) for spot in spots]
+    for name in contexts[0]:
+        values = np.array([context[name] for context in contexts])
+        columns[name] = np.repeat(values, estimates.shape[1], axis=0)
+    known = [labels(found, spot, plan) for found, spot in zip(estimates, spots, strict=True)]
+    columns |= {name: np.concatenate([each[name] for each in known]) for name in known[0]}
+    return _structured(columns)
+
+
+def recorded(plan: Plan, rows: range) -> tuple[Observation, list[Spot]]:
+    """Return what was recorded for some observations of a plan, and where each was made.
+
+    Args:
+        plan: says what is observed; one that whitens observes one row at a time.
+        rows: numbers of the B observations.
+
+    Returns:
+        Samples (B, M, N) with what a localizer may know, and B spots.
+    """
     scene = plan.scene
     spots: list[Spot] = []
     samples = np.empty((len(rows), len(scene.array), scene.probe.length))
@@ -86,17 +109,7 @@ def records(plan: Plan, rows: range) -> Array:
     if plan.localizer.whiten:
         rng = stream(plan.seed, "noise alone", rows[0])
         observation = _with_noise(observation, spots[0], scene=real, rng=rng)
-
-    names = (*COLUMNS, *TENSORS, *plan.further)
-    echoes, columns = localize(observation, plan.localizer, names=names)
-    estimates = np.stack([echoes.toa, echoes.azimuth, echoes.elevation], axis=-1)
-    contexts = [_context(spot) for spot in spots]
-    for name in contexts[0]:
-        values = np.array([context[name] for context in contexts])
-        columns[name] = np.repeat(values, estimates.shape[1], axis=0)
-    known = [labels(found, spot, plan) for found, spot in zip(estimates, spots, strict=True)]
-    columns |= {name: np.concatenate([each[name] for each in known]) for name in known[0]}
-    return _structured(columns)
+    return observation, spots
 
 
 def _real(spot: Spot, plan: Plan, row: int) -> tuple[Scene, Spot]:

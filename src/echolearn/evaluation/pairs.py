@@ -4,6 +4,7 @@ A metric can be tested if its difference is linear in the swaps of `stats.swappe
 row has a share of it, whose sign turns when the two answers about that row are swapped.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
@@ -12,7 +13,8 @@ import numpy as np
 from echolearn.acoustics.types import Array
 from echolearn.checks import check
 from echolearn.evaluation import metrics, stats
-from echolearn.evaluation.rows import LabelledRows, Predictions, Row, pick
+from echolearn.evaluation.paired_tests import mcnemar
+from echolearn.evaluation.rows import LabelledRows, Predictions, Row
 
 SWAPS = 5000
 """Permutations behind a p value; 1 / 5001 times the tests of a family must lie well below 0.05."""
@@ -113,20 +115,10 @@ def paired_difference(
     Raises:
         BadValue: no seed in common.
     """
-    pairs = pair_seeds(first, second)
-    seeds = [given.seed for given in first]
-    common = len(pairs) > 0
-    check(common, "seeds", seeds, allowed="must have one at least in common with the other model")
-
-    # Pooled over seeds: the positions are the clusters, so seeds make no rows independent.
-    rows = np.concatenate([given.rows for given, _ in pairs])
+    value, shares_of, answers = PAIRED[metric]
+    rows, one, other = _pooled(first, second, answers)
     reference = labelled.reference[rows]
     groups = labelled.groups[rows]
-    value, shares_of, answers = PAIRED[metric]
-    one, other = (
-        np.concatenate([getattr(given, answers) for given in side])
-        for side in zip(*pairs, strict=True)
-    )
 
     def difference(weights: Array | None) -> Array:
         """Return the difference of the pooled predictions, for weights or None."""
@@ -138,22 +130,90 @@ def paired_difference(
     # What differs by rounding alone counts as equal.
     extreme = (np.abs(null) >= abs(found.value) - 1e-12).sum()
     p = float(1 + extreme) / (1 + SWAPS)
-    return {
-        "metric": metric,
-        "difference": found.value,
-        "ci_low": found.low,
-        "ci_high": found.high,
-        "p": p if np.isfinite(found.value) else np.nan,
-        "n": len(np.unique(groups)),
-    }
+    p = p if np.isfinite(found.value) else np.nan
+    return _row("swaps", metric, found=found, p=p, n=len(np.unique(groups)))
+
+
+def rightness_difference(
+    first: Sequence[Predictions], second: Sequence[Predictions], *, labelled: LabelledRows
+) -> Row:
+    """Test by McNemar's test whether two models are right equally often about the same rows.
+
+    Args:
+        first, second: what they say, about the same rows seed by seed.
+        labelled: the test set.
+
+    Raises:
+        BadValue: no seed in common.
+    """
+    rows, one, other = _pooled(first, second, "kept")
+    right = [kept == labelled.reference[rows] for kept in (one, other)]
+    # Summed over seeds, row by row: weights of all seeds' rows would not fit into memory.
+    count = len(labelled.reference)
+    differs = np.bincount(rows, right[0].astype(float) - right[1], minlength=count)
+    answers = np.bincount(rows, minlength=count)
+
+    def difference(weights: Array | None) -> Array:
+        """Return the difference in accuracy, for weights or None."""
+        each = metrics.each_weight(differs, weights)
+        return metrics.ratio(each @ differs, each @ answers)
+
+    groups = labelled.groups[rows]
+    found = stats.interval(difference, labelled.weights)
+    p = mcnemar(*right, groups=groups)
+    return _row("mcnemar", "accuracy", found=found, p=p, n=len(np.unique(groups)))
+
+
+def _pooled(
+    first: Sequence[Predictions], second: Sequence[Predictions], answers: str
+) -> tuple[Array, Array, Array]:
+    """Return rows (B,) and both models' answers about them, of all common seeds.
+
+    Args:
+        first, second: what they say, about the same rows seed by seed.
+        answers: what `Predictions` call the answers.
+
+    Raises:
+        BadValue: no seed in common.
+    """
+    pairs = pair_seeds(first, second)
+    seeds = [given.seed for given in first]
+    common = len(pairs) > 0
+    check(common, "seeds", seeds, allowed="must have one at least in common with the other model")
+    # Pooled over seeds: the positions are the clusters, so seeds make no rows independent.
+    rows = np.concatenate([given.rows for given, _ in pairs])
+    one, other = (
+        np.concatenate([getattr(given, answers) for given in side])
+        for side in zip(*pairs, strict=True)
+    )
+    return rows, one, other
+
+
+def _row(test: str, metric: str, *, found: stats.Interval, p: float, n: int) -> Row:
+    """Return the cells of a test.
+
+    Args:
+        test: its name.
+        metric: what differs.
+        found: the difference.
+        p: its p value.
+        n: number of clusters.
+    """
+    ends = {"ci_low": found.low, "ci_high": found.high}
+    return {"test": test, "metric": metric, "difference": found.value, **ends, "p": p, "n": n}
 
 
 def correct(tests: Iterable[Row]) -> list[Row]:
-    """Add Holm's correction, as `p_holm`, for the tests of the same metric and training set."""
+    """Add Holm's correction, as `p_holm`, for the tests of a family.
+
+    Tests that are read as one table are one family: those of one metric and training against the
+    threshold, or of what the row's own `family` says.
+    """
     rows = [dict(row) for row in tests]
-    # Tests of one metric and training are read as one table, so they are corrected as one family.
-    for metric, training in {(row["metric"], row["training"]) for row in rows}:
-        family = pick(rows, metric=metric, training=training)
+    families = defaultdict(list)
+    for row in rows:
+        families[row.get("family", (row["metric"], row["training"]))].append(row)
+    for family in families.values():
         adjusted = stats.holm(np.array([row["p"] for row in family]))
         for row, p in zip(family, adjusted.tolist(), strict=True):
             row["p_holm"] = p

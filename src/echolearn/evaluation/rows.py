@@ -49,6 +49,8 @@ class Model(NamedTuple):
         method: short name of what is fitted; empty for references.
         split: what is never divided between training and test, "position" or "row".
         target: label that was learned, "reflector", "on_map" or "time_and_direction".
+        train_rows: most rows that it was trained on, as text; empty: all of them.
+        without: columns of its configuration that were left out, separated by blanks.
     """
 
     classifier: str
@@ -57,6 +59,13 @@ class Model(NamedTuple):
     method: str = ""
     split: str = ""
     target: str = ""
+    train_rows: str = ""
+    without: str = ""
+
+    @property
+    def full(self) -> "Model":
+        """Return the model that this one takes rows or columns from: itself, usually."""
+        return self._replace(train_rows="", without="")
 
     @property
     def training(self) -> str:
@@ -66,6 +75,10 @@ class Model(NamedTuple):
             unusual.append(self.target)
         if self.split not in ("", "position"):
             unusual.append(f"{self.split} split")
+        if self.train_rows:
+            unusual.append(f"{self.train_rows} rows")
+        if self.without:
+            unusual.append(f"without {self.without}")
         return f"{self.trained_on} ({', '.join(unusual)})" if unusual else self.trained_on
 
     def columns(self) -> Row:

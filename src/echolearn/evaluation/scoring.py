@@ -32,6 +32,9 @@ from echolearn.evaluation.rows import (
 SURE = 0.9
 """Precision that the metric `r90` asks for."""
 
+POOLED = ("auc", "balanced_accuracy")
+"""Metrics of whole sets whose draws a row keeps, as `draws`, (resamples,): they are pooled."""
+
 Evaluate = Callable[[Predictions, Array | None], Mapping[str, Array]]
 """Metrics by name, of predictions and of weights (resamples, B) or None."""
 
@@ -212,9 +215,11 @@ def tabulate(
         return mean_of([evaluate(given, weights[:, given.rows]) for given in predictions])
 
     # Every draw is the mean over seeds for the same drawn positions, so seeds are not resampled.
-    for metric, found in stats.intervals(over_seeds, labelled.weights).items():
-        cells = {"value": found.value, "ci_low": found.low, "ci_high": found.high}
-        yield common | {"seed": "", "metric": metric} | cells
+    for metric, (figure, draws) in stats.resampled(over_seeds, labelled.weights).items():
+        _, low, high = stats.percentiles(figure, draws)
+        row = common | {"seed": "", "metric": metric, "value": figure}
+        kept = {"draws": draws} if metric in POOLED and not snr_db else {}
+        yield row | {"ci_low": low, "ci_high": high} | kept
 
 
 def mean_of(evaluations: Sequence[Mapping[str, Array]]) -> dict[str, Array]:

@@ -128,19 +128,31 @@ def intervals(
     The weights are those of `cluster_weights`. A metric that is absent with weights has a value and
     no interval.
     """
+    found = resampled(evaluate, weights)
+    return {name: percentiles(value, draws) for name, (value, draws) in found.items()}
+
+
+def resampled(
+    evaluate: Callable[[Array | None], Mapping[str, Array]], weights: Array
+) -> dict[str, tuple[float, Array]]:
+    """Return each metric with its values for all weights (resamples, B), none if it has none."""
     values = evaluate(None)
     blocks = np.array_split(weights, max(1, weights.size // BLOCK))
     draws = [evaluate(block) for block in blocks]
     found = {}
     for name, value in values.items():
-        drawn = np.concatenate([np.empty(0), *(block[name] for block in draws if name in block)])
-        defined = drawn[np.isfinite(drawn)]
-        ends = [math.nan, math.nan]
-        # Percentiles of those draws for which the metric is defined.
-        if len(defined) and np.isfinite(value):
-            ends = np.quantile(defined, [(1 - LEVEL) / 2, (1 + LEVEL) / 2]).tolist()
-        found[name] = Interval(float(value), *ends)
+        drawn = [block[name] for block in draws if name in block]
+        found[name] = (float(value), np.concatenate([np.empty(0), *drawn]))
     return found
+
+
+def percentiles(value: float, draws: Array) -> Interval:
+    """Return a figure with the percentiles of those of its draws (K,) that are defined."""
+    defined = draws[np.isfinite(draws)]
+    ends = [math.nan, math.nan]
+    if len(defined) and np.isfinite(value):
+        ends = np.quantile(defined, [(1 - LEVEL) / 2, (1 + LEVEL) / 2]).tolist()
+    return Interval(value, *ends)
 
 
 def wilson(successes: int, trials: int) -> Interval:

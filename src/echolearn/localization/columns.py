@@ -40,6 +40,10 @@ Those of `AGREEMENT` (formulas in `agreement`) are only in sets whose plan asks 
 | direction_second | 1    | power of the strongest other direction over that of the echo's |
 | joint_second     | 1    | largest J at another time over J(toa, doa) |
 
+and so is, for itself,
+
+| cfar             | 1    | J(toa, doa) over the rms of J in a ring around it (`cfar`) |
+
 Tensors are (COVARIANCE_BANDS, M*M) packed Hermitian matrices (`beamforming.pack_hermitian`),
 each band scaled to trace M: `covariance` of the whole recording, `covariance_gated` of the
 matched-filter outputs around the echo, `covariance_steered` the same after steering to the
@@ -100,6 +104,7 @@ UNITS = {
     "peak_share": "1",
     "direction_second": "1",
     "joint_second": "1",
+    "cfar": "1",
 }
 """Unit of each column."""
 
@@ -118,10 +123,13 @@ AGREEMENT = (
 )
 """Columns that a plan may ask for besides; they are computed together."""
 
-COLUMNS = [name for name in UNITS if name not in (*SEVERAL, *AGREEMENT)]
+CFAR = "cfar"
+"""Column that a plan may ask for besides, for the threshold of that name."""
+
+COLUMNS = [name for name in UNITS if name not in (*SEVERAL, *AGREEMENT, CFAR)]
 """Columns that every set has."""
 
-EVERY_COLUMN = (*COLUMNS, *AGREEMENT)
+EVERY_COLUMN = (*COLUMNS, *AGREEMENT, CFAR)
 TENSORS = ("covariance", "covariance_gated", "covariance_steered")
 """Tensors that every set has."""
 
@@ -136,7 +144,7 @@ TENSOR_VIEWS = dict.fromkeys(EVERY_TENSOR, "covariance") | {
 }
 """What kind of tensor each is, as a bundle says it."""
 
-FURTHER = (*AGREEMENT, *FURTHER_TENSORS)
+FURTHER = (*AGREEMENT, CFAR, *FURTHER_TENSORS)
 """What a plan may ask for besides what every set has."""
 
 

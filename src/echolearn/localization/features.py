@@ -13,7 +13,8 @@ from echolearn.acoustics.types import Array, Echoes
 from echolearn.localization import beamforming
 from echolearn.localization.agreement import agreement_columns
 from echolearn.localization.candidates import candidates
-from echolearn.localization.columns import AGREEMENT, COLUMNS, EVERY_TENSOR, TENSORS
+from echolearn.localization.cfar import cfar
+from echolearn.localization.columns import AGREEMENT, CFAR, COLUMNS, EVERY_TENSOR, TENSORS
 from echolearn.localization.correlations import ratio
 from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
 from echolearn.localization.segments import SEGMENT, align
@@ -48,6 +49,8 @@ def describe(
         columns |= steered_columns(view, index, toward=toward) | tensor
         if not {*AGREEMENT}.isdisjoint(names):
             columns |= agreement_columns(view, index, toward=toward)
+        if CFAR in names:
+            columns[CFAR] = cfar(view, index, toward=toward)
         if not {*EVERY_TENSOR}.isdisjoint(names):
             columns |= echo_tensors(view, index, toward=toward, names=names)
         if len(views) > 1:

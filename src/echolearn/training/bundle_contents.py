@@ -168,7 +168,9 @@ def map_figures(comparison: Path, run: Run) -> list[dict[str, Any]]:
     found = []
     with (comparison / "results.csv").open(newline="") as file:
         for row in DictReader(file):
-            if row["metric"] in MAPS and wanted.items() <= row.items():
+            # Comparisons of before have no columns for what was usual then.
+            same = all(row.get(key, "") == value for key, value in wanted.items())
+            if row["metric"] in MAPS and same:
                 where = f"{row['tested_on']}/{row['localizer']}"
                 found.append({"tested_on": where, "metric": row["metric"], **_figure(row)})
     return found

@@ -3,6 +3,7 @@
 from functools import partial
 
 from echolearn.checks import check_number, check_whole
+from echolearn.storage.tables import nullable
 
 SHARE = partial(check_number, low=0.01, high=0.9)
 FIELDS = {
@@ -12,5 +13,6 @@ FIELDS = {
     "split": ("position", "row"),
     "test_share": SHARE,
     "validation_share": SHARE,
+    "train_rows": nullable(partial(check_whole, low=10, high=10**9)),
 }
 """Values, or a check of each, by the field's name."""

@@ -47,6 +47,12 @@ TABLE: dict[str, Any] = {
 } | {key: FIELDS[key] for key in ("target", "seed", "split", "test_share", "validation_share")}
 """What is read of a run's `metrics.json`; other keys are for people."""
 
+OPTIONAL: dict[str, Any] = {
+    "train_rows": FIELDS["train_rows"],
+    "without": check_input_names,
+}
+"""What is read where it is there: how a training differs from the usual one of its name."""
+
 
 @dataclass(frozen=True)
 class Run:
@@ -69,7 +75,9 @@ class Run:
     def model(self) -> Model:
         """What it shares with the runs of other seeds."""
         told = ("name", "plan", "role", "method", "split", "target")
-        return Model(*map(self.metrics.__getitem__, told))
+        without = " ".join(self.metrics.get("without", ()))
+        rows = str(self.metrics.get("train_rows") or "")
+        return Model(*map(self.metrics.__getitem__, told), train_rows=rows, without=without)
 
     @property
     def seed(self) -> int:
@@ -112,9 +120,11 @@ def check_metrics(run: Run) -> None:
 
     Their checksum tells damage alone.
     """
-    read = {key: run.metrics[key] for key in TABLE if key in run.metrics}
+    there = {key: check for key, check in OPTIONAL.items() if key in run.metrics}
+    table = TABLE | there
+    read = {key: run.metrics[key] for key in table if key in run.metrics}
     try:
-        check_plain("", read, table=TABLE)
+        check_plain("", read, table=table)
     except BadValue as error:
         raise BadValue(f"{run.folder}/{manifests.METRICS} {error}") from None
 

@@ -40,6 +40,8 @@ class LearningProblem:
         split: unit that is never divided, "position", or the leaky "row".
         test_share: share of all positions that is for testing.
         validation_share: share of the other positions that is for validation.
+        train_rows: most rows to train on, whole positions of those for training; None takes all.
+            Fewer are part of more, and validation and test rows are the same.
     """
 
     dataset: Dataset
@@ -48,6 +50,7 @@ class LearningProblem:
     split: str = "position"
     test_share: float = 0.2
     validation_share: float = 0.2
+    train_rows: int | None = None
 
     def __post_init__(self) -> None:
         check_plain("", vars(self), table=FIELDS)
@@ -56,6 +59,9 @@ class LearningProblem:
         """Return what tells this problem from all others, as plain containers."""
         fields = dict(vars(self))
         dataset = fields.pop("dataset")
+        # What learns from all rows has the identity of before there was a choice.
+        if self.train_rows is None:
+            del fields["train_rows"]
         return {"plan": dataset.name, "data": dataset.digest, **fields}
 
     def inputs(self, names: Sequence[str]) -> Rows:
@@ -105,6 +111,7 @@ class LearningProblem:
     def _divide(self, rest: Array, test: Array) -> Parts:
         groups = self.groups()[rest]
         first, second = split_groups(groups, share=self.validation_share, seed=self.seed)
+        first = first[self._taken(groups[first])]
         parts = Parts(rest[first], rest[second], test)
 
         # With one class alone there is nothing to learn, no threshold to choose, no curve to draw.
@@ -116,6 +123,16 @@ class LearningProblem:
             enough = 0 < count < len(rows)
             check(enough, f"{part} rows", shown, allowed=allowed, hint="use a larger set")
         return parts
+
+    def _taken(self, groups: Array) -> Array:
+        """Return which rows for training, given by their groups (B,), are trained on, (B,)."""
+        if self.train_rows is None:
+            return np.ones(len(groups), dtype=bool)
+        unique, member, counts = np.unique(groups, return_inverse=True, return_counts=True)
+        # In one order for any number of rows, so that a learning curve adds rows to those before.
+        order = np.random.default_rng([self.seed, 1]).permutation(len(unique))
+        taken = order[np.cumsum(counts[order]) <= self.train_rows]
+        return np.isin(member, taken)
 
 
 def groups_of(dataset: Dataset, *, split: str) -> Array:

@@ -19,7 +19,7 @@ takes milliseconds.
 import shutil
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -61,6 +61,7 @@ def train(
     calibration: str = PLATT,
     aim: str = BALANCED,
     microphones: Array | None = None,
+    without: Sequence[str] = (),
     command: str | None = None,
 ) -> Metrics:
     """Fit, calibrate, export and evaluate one classifier, unless that has been done.
@@ -76,6 +77,8 @@ def train(
         aim: what the cut shall do on validation rows, see `operating_point`.
         microphones: positions in the set's recordings, shape (M, 3), in m, for the metrics: by them
             other recordings are known to be of the same array; None says nothing about them.
+        without: columns that `classifier` does without and `name` alone would let expect, for the
+            metrics: by them an ablation is known.
         command: what makes the run again, for its metrics; None says nothing about it.
 
     Returns:
@@ -104,7 +107,7 @@ def train(
     problem.parts()
     from echolearn.training.tensorboard import writable
 
-    told = _told(command, microphones)
+    told = _told(command, microphones, without)
     make = partial(make_run, problem, classifier, identity=identity, folder=folder, told=told)
     with writable(folder):
         return once(folder, finished=finished, make=make, doing="trains this run")
@@ -117,9 +120,11 @@ def _check(name: str, folds: int, *, calibration: str) -> None:
     check(folds in (0, *range(2, 21)), "folds", folds, allowed=allowed)
 
 
-def _told(command: str | None, microphones: Array | None) -> dict[str, Any]:
-    """Return what a run's metrics say besides: its command, the array's positions, if known."""
+def _told(command: str | None, microphones: Array | None, without: Sequence[str]) -> dict[str, Any]:
+    """Return what metrics say besides: command, positions of the array, columns left out."""
     told: dict[str, Any] = {**manifests.command_entry(command)}
+    if without:
+        told["without"] = list(without)
     if microphones is not None:
         told["microphones"] = np.asarray(microphones).tolist()
     return told
@@ -271,7 +276,7 @@ def cross_validate(
     folder: Path,
     **cut: str,
 ) -> Metrics | None:
-    """Return mean and standard deviation of each metric over folds; None if there are no folds.
+    """Return each metric's mean, standard deviation and values over folds; None without folds.
 
     Args:
         problem: what to learn; its test rows are not looked at.
@@ -283,16 +288,23 @@ def cross_validate(
     if not folds:
         return None
     scores = []
+    shares = []
     for parts in problem.folds(folds):
         # A network's logs of a fold would pass for those of the run.
         with TemporaryDirectory(dir=folder) as place:
             about: Any = {"parts": parts, "folder": Path(place)} | cut
             fitted = fit_calibrated(classifier(), problem, **about)
         scores.append(evaluate_rows(fitted, problem, rows=parts.test))
-    result = {}
+        shares.append(len(parts.test) / len(parts.train))
+    # What a corrected test needs, beside the folds themselves (`evaluation.paired_tests`).
+    result: Metrics = {"test_to_training": float(np.mean(shares))}
     for name in scores[0]:
         values = np.array([score[name] for score in scores], dtype=float)
-        result[name] = {"mean": float(values.mean()), "sd": float(values.std(ddof=1))}
+        result[name] = {
+            "mean": float(values.mean()),
+            "sd": float(values.std(ddof=1)),
+            "values": [score[name] for score in scores],
+        }
     return result
 
 
