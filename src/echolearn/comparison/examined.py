@@ -10,7 +10,7 @@ from statistics import mean
 from typing import Any
 
 from echolearn.comparison import importance, ranking, shifts, warnings, worst
-from echolearn.comparison.choice import Comparison, closely, headline
+from echolearn.comparison.choice import Comparison, closely, headline, trained
 from echolearn.comparison.importance import importance_rows
 from echolearn.comparison.ranking import Ranking, rank_models, rank_rows
 from echolearn.comparison.shifts import shift_rows
@@ -113,8 +113,9 @@ def learning_curves(comparison: Comparison) -> dict[str, list[Row]]:
     whole = pick(comparison.rows, tested_on=shown, seed="", snr_db="", metric="auc")
     lines: dict[Model, dict[float, Row]] = {}
     # The model on all rows comes last: asked for more than there are, another one has as many.
-    for model in sorted(comparison.models, key=lambda model: model.train_rows == ""):
-        taught = mean(run.metrics["rows"]["train"] for run in comparison.models[model])
+    known = trained(comparison)
+    for model in sorted(known, key=lambda model: model.train_rows == ""):
+        taught = mean(run.metrics["rows"]["train"] for run in known[model])
         for row in pick(whole, **model._asdict()):
             line = lines.setdefault(model._replace(train_rows=""), {})
             line[taught] = row | {"train": taught}
