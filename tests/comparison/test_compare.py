@@ -11,7 +11,7 @@ import pytest
 
 from echolearn.checks import BadValue
 from echolearn.comparison import report
-from echolearn.comparison.choice import chosen_run
+from echolearn.comparison.choice import chosen, chosen_run
 from echolearn.comparison.compare import (
     COLUMNS,
     TEST_COLUMNS,
@@ -123,7 +123,7 @@ def test_a_run_is_evaluated_by_what_it_held_out_where_any_was_trained(results, c
 # ---------------------------------------------------------------- tests.csv
 
 
-def test_models_are_tested_where_they_are_new_and_points_have_one_localizer(compared):
+def test_models_are_tested_where_they_are_new_and_points_have_one_localizer(compared, comparison):
     every = table(compared / "tests.csv")
     tests = pick(every, test="swaps", against="threshold_peak")
     places = {("offgrid_hall", "", "auc")}
@@ -135,10 +135,9 @@ def test_models_are_tested_where_they_are_new_and_points_have_one_localizer(comp
     # Of those on the set made for training, also against the best by validation rows.
     further = [row for row in every if row not in tests]
     asked = {(row["test"], row["against"]) for row in further if row["test"] != "bootstrap"}
-    assert asked == {
-        ("mcnemar", "threshold_peak"), ("mcnemar", "trees_features"), ("swaps", "trees_features")
-    }  # fmt: skip
-    assert {row["trained_on"] for row in pick(further, against="trees_features")} == {"scattered"}
+    best = chosen(comparison).classifier
+    assert asked == {("mcnemar", "threshold_peak"), ("mcnemar", best), ("swaps", best)}
+    assert {row["trained_on"] for row in pick(further, against=best)} == {"scattered"}
     assert all(float(row["p_holm"]) >= float(row["p"]) for row in every)
 
 

@@ -91,8 +91,8 @@ def shares(line: Mapping[Any, Row], prefix: str, level: str) -> str:
 
 
 def p_value(p: float) -> str:
-    """Return a p value to three decimals, or that it is smaller."""
-    return "less than 0.001" if p < 0.001 else f"{p:.3f}"
+    """Return `p = ` with three decimals, or that it is smaller."""
+    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
 
 
 FILTERS = (number, interval, signed, shade, figure, shares, p_value)
