@@ -102,7 +102,7 @@ ROWS ?= 50000
 SEEDS ?= 0,1,2
 MODELS ?= glob(*)
 FEWER = $(shell echo $$(($(ROWS) / 5)))
-WHOLE = plan=varied plan.rows=$(ROWS) 'plan.further=[$(FURTHER),$(TENSORS)]'
+WHOLE = plan=varied plan.rows=$(ROWS) 'plan.further=[$(FURTHER),cfar,$(TENSORS)]'
 PART = plan=varied plan.rows=$(FEWER)
 # Each left out of realism=measured, and what that sets.
 LEFT_OUT := \
@@ -129,7 +129,7 @@ HEARD_absorbing := plan.wall_factor=[0.5,0.5]
 HEARD_dry := plan.t60=[0.3,0.3]
 HEARD_reverberant := plan.t60=[1,1]
 LARGE = $(RUNS)/large
-AWAY = 'plan.further=[$(FURTHER),$(TENSORS)]' plan.rows=$(ROWS)
+AWAY = 'plan.further=[$(FURTHER),cfar,$(TENSORS)]' plan.rows=$(ROWS)
 REPEATED = $(foreach each,$(CONDITIONS),offgrid_8x6x5_$(each))
 
 large: $(READY) ## filters on 50 000 rows, three seeds, all classifiers, measured sound: hours; writes docs/filters.md; try it by ROWS=2000 SEEDS=0
