@@ -28,6 +28,7 @@ from echolearn.cli.commands import localizers
 from echolearn.cli.config import folder as conf
 from echolearn.cli.main import main
 from echolearn.runtime.timing import Spread
+from echolearn.simulation.realism import Realism
 from echolearn.simulation.rir.images import Images
 from echolearn.storage import manifests
 from echolearn.storage.identity import kind_of
@@ -55,6 +56,7 @@ def few(rows):
 SMALL = {
     "plan": few(8),
     "growing": few(4),
+    "realistic": Realism(spread=(0.001, 0.001), scattering=(0.3, 0.3)),
     "localizers": {"gated": few(8).localizer},
     "workers": 2,
     "repetitions": 2,
@@ -129,6 +131,12 @@ def test_summaries_are_those_of_the_repetitions_and_ratios_those_of_neighbours(m
 def test_what_is_fast_is_far_ahead_of_its_peer(rows, stage, variant):
     [row] = pick(rows, stage=stage, variant=variant, measure="cpu")
     assert float(row["ratio"]) > 10
+
+
+def test_realistic_sound_is_timed_beside_clean_sound(rows):
+    clean, real = pick(rows, stage="rir", parameter="realism", measure="cpu")
+    assert (clean["variant"], real["variant"]) == ("received, clean", "received, realistic")
+    assert real["reference"] == clean["variant"] and 1 < float(real["ratio"]) < 10
 
 
 def test_rooms_of_other_outlines_are_timed_beside_a_box_as_large(rows):

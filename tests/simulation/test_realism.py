@@ -13,8 +13,11 @@ from echolearn.acoustics.types import Pose, Room
 from echolearn.dataset.plans import ScatteredPlan
 from echolearn.dataset.records import records
 from echolearn.localization.methods.gated import Gated
+from echolearn.simulation.arrivals import SoundPaths
+from echolearn.simulation.fir_loops import filtered_signals
+from echolearn.simulation.image_loops import fractional_delay
 from echolearn.simulation.imperfect_scene import ImperfectScene, realistic
-from echolearn.simulation.kernels import clusters, low_pass, minimum_phase
+from echolearn.simulation.kernels import clusters, low_band, low_pass, minimum_phase
 from echolearn.simulation.noise.coloured import Coloured
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.realism import BOUNDS, Realism
@@ -247,6 +250,52 @@ def test_rooms_of_any_outline_are_taken_apart_and_put_together_again(walls):
     early = int((2 * 1.3 + 0.4) / SPEED * RATE)
     both = single.received(room, pose)[:, :early], CLICK.received(room, pose)[:, :early]
     assert np.abs(both[0] - both[1]).max() < 2e-4 * np.abs(both[1]).max()
+
+
+def test_arrivals_are_what_a_loop_over_them_makes():
+    rng = np.random.default_rng(7)
+    shape = (4, 3)
+    delay = rng.uniform(60.0, 240.0, shape)
+    # Of the first the beginning is before the response's, of the last the end is beyond its end.
+    delay[0], delay[3] = 12.3, 290.7
+    gain, highs = rng.uniform(0.1, 1.0, (2, *shape))
+    shapes, microphones = rng.standard_normal((4, 9)), rng.standard_normal((3, 16))
+    paths = SoundPaths(delay=delay, gain=gain, highs=highs, clusters=shapes)
+
+    size, margin, steps = 160, 24, 512
+    low = low_band(np.fft.rfftfreq(size, 1.0 / RATE))
+    plain, changed = np.zeros((2, 3, 2000))
+    for p, m in np.ndindex(shape):
+        whole, part = divmod(delay[p, m], 1.0)
+        row, rest = divmod(part * steps, 1.0)
+        before, after = (fractional_delay(np.arange(-39, 41) - (row + k) / steps) for k in (0, 1))
+        taps = gain[p, m] * ((1.0 - rest) * before + rest * after)
+        first = int(whole) - 39 + 500
+        plain[m, first : first + 80] += taps
+        spectrum = np.fft.rfft(taps, size) * (low + highs[p, m] * (1.0 - low))
+        for own in (shapes[p], microphones[m]):
+            spectrum *= np.fft.rfft(own, size)
+        late = np.roll(np.fft.irfft(spectrum, size), margin)
+        changed[m, first - margin : first - margin + size] += late
+    plain, changed = plain[:, 500:800], changed[:, 500:800]
+
+    found, taken = np.zeros((2, 3, 300))
+    paths.add(found, microphones=microphones, sample_rate=RATE)
+    paths.subtract(taken)
+    assert np.abs(found - changed).max() < 1e-12
+    assert np.abs(taken + plain).max() < 1e-12
+
+
+@pytest.mark.parametrize("taps", [1, 8, 39])
+def test_compiled_filters_are_convolutions(taps):
+    rng = np.random.default_rng(taps)
+    sounds, own = rng.standard_normal((2, 700)), rng.standard_normal((2, taps))
+    low, share = low_pass(RATE), rng.uniform(size=700)
+    found = filtered_signals(sounds, own, low=low, share=share)
+    for m in range(2):
+        slow = np.convolve(sounds[m], low, mode="same")
+        kept = slow + share * (sounds[m] - slow)
+        assert np.abs(found[m] - np.convolve(kept, own[m])[:700]).max() < 1e-12
 
 
 def test_ways_out_of_a_box_and_of_its_outline_are_the_same():

@@ -91,19 +91,21 @@ def hann(frame: int) -> Array:
     return np.hanning(frame + 1)[:-1]
 
 
-def convolve(samples: Array, response: Array, *, length: int) -> Array:
+def convolve(samples: Array, response: Array, *, length: int, skip: int = 0) -> Array:
     """Return the beginning of the convolution of a burst with responses, shape (..., length).
 
     Args:
         samples: the burst, shape (L,).
         response: shape (..., K).
         length: number of samples wanted.
+        skip: samples left out before them.
     """
     # As long as the whole convolution, so that its end does not wrap around to the beginning.
     size = fft.next_fast_len(len(samples) + response.shape[-1] - 1, real=True)
     burst = fft.rfft(samples, size)
     result = np.empty((*response.shape[:-1], length))
     flat = result.reshape(-1, length)
+    kept = min(size - skip, length)
     responses = response.reshape(-1, response.shape[-1])
     # Two at a time share the processor's vectors, and stay in its cache.
     for first in range(0, len(flat), 2):
@@ -111,8 +113,8 @@ def convolve(samples: Array, response: Array, *, length: int) -> Array:
         spectra = fft.rfft(responses[pair], size)
         np.multiply(burst, spectra, out=spectra)
         whole = fft.irfft(spectra, size, overwrite_x=True)
-        flat[pair, :size] = whole[:, :length]
-    flat[:, size:] = 0.0
+        flat[pair, :kept] = whole[:, skip : skip + kept]
+    flat[:, kept:] = 0.0
     return result
 
 

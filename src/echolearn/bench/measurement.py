@@ -20,6 +20,7 @@ from echolearn.dataset.plans import Plan, ScatteredPlan
 from echolearn.localization.localizer import Localizer
 from echolearn.runtime.timing import Contestant, Lap, Spread, race, ratios, spread
 from echolearn.simulation.observe import observe
+from echolearn.simulation.realism import Realism
 from echolearn.simulation.scene import Scene
 
 KEYS = "stage variant parameter value measure unit".split()
@@ -98,6 +99,7 @@ class Setting:
     Attributes:
         plan: the set that is generated, and that observations are taken from.
         growing: the set whose number of rows grows.
+        realistic: what is not ideal, for the time that it takes.
         localizers: localizers by name.
         runs: folder of everything generated: its trained runs and bundles are timed.
         place: folder for what is generated only to be timed.
@@ -117,6 +119,7 @@ class Setting:
 
     plan: Plan
     growing: ScatteredPlan
+    realistic: Realism
     localizers: Mapping[str, Localizer]
     runs: Path
     place: Path

@@ -23,6 +23,7 @@ TITLES = {
 CONDITIONS = {
     "t60": ", T60 {} s",
     "outline": " in a room of 80 m^2, T60 {} s",
+    "realism": ", {} rows of the growing set",
     "batch": " of {} at a time",
     "rows": ", {} rows",
 }

@@ -4,7 +4,9 @@ All three sum every image within T60: pyroomacoustics up to the order that holds
 (`Pyroom.complete`), the generator of Habets (the one that the paper used) with order -1, its
 high-pass off. The latter's time is proportional to the number of microphones, so it computes one
 response, and is charged for as many as the others. Where there is CUDA, `TorchImages` is timed,
-too. Rooms of other outlines, with as much floor and height, are timed beside a box.
+too. Rooms of other outlines, with as much floor and height, are timed beside a box, and rows of the
+growing set with what is not ideal beside clean ones: all until the probe is received and the direct
+path known.
 """
 
 import math
@@ -17,10 +19,14 @@ import numpy as np
 
 from echolearn.acoustics.geometry import microphone_positions
 from echolearn.acoustics.polygon_room import AnyRoom, PolygonRoom
+from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.bench.measurement import Measurement, Setting
+from echolearn.dataset.plans import Plan
 from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant
+from echolearn.simulation.imperfect_scene import realistic
+from echolearn.simulation.realism import Realism
 from echolearn.simulation.responses import response_length
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.rir.pyroom import Pyroom
@@ -40,6 +46,9 @@ OUTLINES: dict[str, AnyRoom] = {
     ),
 }
 """Rooms with 80 m^2 of floor, 6 m high."""
+
+ROWS = 4
+"""Rows that are received in a lap, of as many rooms."""
 
 PLACE = Pose(np.array([3.1, 4.2, 2.9]), 0.4)
 
@@ -63,11 +72,30 @@ def time_responses(setting: Setting) -> Iterator[Measurement]:
         name: Contestant(responding(Images(), room, scene=scene)) for name, room in OUTLINES.items()
     }
     yield from setting.compare("rir", others, parameter="outline", value=HALL.t60)
+    yield from setting.compare("rir", receivers(setting), parameter="realism", value=ROWS)
     rings = {
         count: Contestant(responding(Images(), HALL, scene=ring))
         for count, ring in setting.rings.items()
     }
     yield from setting.grow("rir", "images", parameter="microphones", contestants=rings)
+
+
+def receivers(setting: Setting) -> dict[str, Contestant]:
+    """Return what receives the first rows of the growing set, clean and realistic."""
+    kinds = {"received, clean": Realism(), "received, realistic": setting.realistic}
+    plans = {name: replace(setting.growing, realism=kind) for name, kind in kinds.items()}
+    return {name: Contestant(partial(receive, plan), units=ROWS) for name, plan in plans.items()}
+
+
+def receive(plan: Plan) -> None:
+    """Receive the probe at `ROWS` rows of a plan; the direct path too where each has its own."""
+    for row in range(ROWS):
+        spot = plan.spot(row, stream(plan.seed, "observation", row))
+        rng = stream(plan.seed, "realism", row)
+        scene, drawn = realistic(plan.scene, plan.realism, rng=rng)
+        scene.received(spot.room, spot.pose)
+        if drawn:
+            _ = scene.direct
 
 
 def responding(

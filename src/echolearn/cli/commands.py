@@ -171,8 +171,8 @@ def _bench(config: "Config") -> Path:
         runs=Path(config["runs"]),
         page=_path(config["page"]),
         scaling=_path(config["scaling"]),
-        **_built(config, "plan growing stages workers repetitions long_repetitions seconds batch"),
-        **_built(config, "positions rows t60 peer_t60 microphones azimuths command"),
+        **_built(config, "plan growing realistic stages workers repetitions long_repetitions"),
+        **_built(config, "seconds batch positions rows t60 peer_t60 microphones azimuths command"),
     )
 
 

@@ -32,6 +32,7 @@ KINDS = {
     "plan": "echolearn.dataset.plans.Plan",
     "probe": "echolearn.acoustics.types.Probe",
     "realism": "echolearn.simulation.realism.Realism",
+    "realistic": "echolearn.simulation.realism.Realism",
     "rir": "echolearn.simulation.scene.Responder",
     "room": "echolearn.acoustics.polygon_room.AnyRoom",
     "scene": "echolearn.simulation.scene.Scene",

@@ -42,22 +42,24 @@ class SoundPaths:
 
     def beside(self, other: "SoundPaths") -> "SoundPaths":
         """Return these and others together."""
+        count = len(self.clusters)
         taps = max(self.clusters.shape[1], other.clusters.shape[1])
-        own = np.pad(self.clusters, [(0, 0), (0, taps - self.clusters.shape[1])])
-        others = np.pad(other.clusters, [(0, 0), (0, taps - other.clusters.shape[1])])
+        clusters = np.zeros((count + len(other.clusters), taps))
+        clusters[:count, : self.clusters.shape[1]] = self.clusters
+        clusters[count:, : other.clusters.shape[1]] = other.clusters
         return SoundPaths(
             delay=np.concatenate([self.delay, other.delay]),
             gain=np.concatenate([self.gain, other.gain]),
             highs=np.concatenate([self.highs, other.highs]),
-            clusters=np.concatenate([own, others]),
+            clusters=clusters,
         )
 
     def subtract(self, response: Array) -> None:
         """Take the plain arrivals out of a response (M, K)."""
-        from echolearn.simulation.fir_loops import add
+        from echolearn.simulation.fir_loops import subtract_pulses
 
-        first, taps = self._plain()
-        add(response, first, -taps)
+        first, place = self._places()
+        subtract_pulses(response, first, table=_phi(), place=place, gain=self.gain)
 
     def add(self, response: Array, *, microphones: Array, sample_rate: float) -> None:
         """Add the arrivals, with what has become of them, to a response (M, K).
@@ -67,27 +69,41 @@ class SoundPaths:
             microphones: their own responses, shape (M, T).
             sample_rate: in Hz.
         """
-        from echolearn.simulation.fir_loops import add
+        from echolearn.simulation import fir_loops
 
-        first, taps = self._plain()
         reach = self.clusters.shape[-1] + microphones.shape[-1]
-        size = fft.next_fast_len(taps.shape[-1] + 2 * MARGIN + reach, real=True)
-        low = low_band(fft.rfftfreq(size, 1.0 / sample_rate))
-        share = low + self.highs[..., None] * (1.0 - low)
-        after = fft.rfft(self.clusters, size)[:, None] * fft.rfft(microphones, size)
+        size = fft.next_fast_len(_phi().shape[1] + 2 * MARGIN + reach, real=True)
+        first, place = self._places()
+        spectra = fir_loops.changed_spectra(
+            _spectra(size),
+            place,
+            self.gain,
+            low=_low_band(size, sample_rate),
+            highs=self.highs,
+            clusters=fft.rfft(self.clusters, size),
+            microphones=fft.rfft(microphones, size),
+        )
+        changed = fft.irfft(spectra, size, overwrite_x=True)
         # What a filter of phase zero puts before the first tap comes out at the end.
-        changed = fft.irfft(fft.rfft(taps, size) * share * after, size)
-        add(response, first - MARGIN, np.roll(changed, MARGIN, axis=-1))
+        fir_loops.add(response, first, changed, ahead=MARGIN)
 
-    def _plain(self) -> tuple[Array, Array]:
-        """Return the first sample (P, M) of each arrival and its taps (P, M, 2 half)."""
-        table = _phi()
+    def _places(self) -> tuple[Array, Array]:
+        """Return the first sample of each arrival and its row in the table of phi, each (P, M)."""
         whole = np.floor(self.delay)
         place = (self.delay - whole) * STEPS
-        row = place.astype(np.int64)
-        weight = self.gain * (place - row)
-        taps = table[row + 1] * weight[..., None] + table[row] * (self.gain - weight)[..., None]
-        return whole.astype(np.int64) - (table.shape[1] // 2 - 1), taps
+        return whole.astype(np.int64) - (_phi().shape[1] // 2 - 1), place
+
+
+@lru_cache
+def _spectra(size: int) -> Array:
+    """Return the spectra of the table of phi, shape (STEPS + 1, size // 2 + 1)."""
+    return fft.rfft(_phi(), size)
+
+
+@lru_cache
+def _low_band(size: int, sample_rate: float) -> Array:
+    """Return the low band at the bins of a transform, shape (size // 2 + 1,)."""
+    return low_band(fft.rfftfreq(size, 1.0 / sample_rate))
 
 
 @lru_cache

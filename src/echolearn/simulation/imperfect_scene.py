@@ -39,6 +39,9 @@ AHEAD = 64
 SETTLED = 128
 """Samples after an arrival until nothing of it is left but what the loudspeaker makes of it."""
 
+STEP = 64
+"""Samples in a coarse step of a decay."""
+
 REACH = 6.0
 """Metres to the farthest clutter."""
 
@@ -56,10 +59,18 @@ class ImperfectScene(Scene):
     @cached_property
     def direct(self) -> Array:
         """Direct path at the microphones as calibration knows it, shape (M, N)."""
-        arrivals = self._direct(self.array.positions + self._flaws.offsets)
-        response = np.zeros((len(self.array), int(arrivals.delay.max()) + SETTLED))
-        self._add(arrivals.scaled(np.array(1.0 - self._flaws.drawn["residual"])), response)
+        response = np.zeros((len(self.array), int(self._straight.delay.max()) + SETTLED))
+        left = np.array(1.0 - self._flaws.drawn["residual"])
+        self._add(self._straight.scaled(left), response)
         return self._recorded(response)
+
+    @cached_property
+    def _straight(self) -> SoundPaths:
+        """The direct path to the microphones, the same however the robot is turned."""
+        places = self.array.positions + self._flaws.offsets
+        distance = np.linalg.norm(places, axis=-1)[None]
+        highs = self._flaws.sent(self.array.positions)[None]
+        return self._arrivals(distance, highs=highs, clusters=np.ones((1, 1)))
 
     def received(self, room: AnyRoom, pose: Pose) -> Array:
         """Return the probe as received, without noise, shape (M, N)."""
@@ -74,7 +85,7 @@ class ImperfectScene(Scene):
         )
 
         # What arrives with a wall or without is told apart from the rest, and changed for itself.
-        single = self._direct(places).beside(self._walls(room, pose, places))
+        single = self._straight.beside(self._walls(room, pose, places))
         single.subtract(response)
         response = self._rest(response, room)
         self._add(single.beside(self._clutter(room, pose, places)), response)
@@ -95,13 +106,6 @@ class ImperfectScene(Scene):
     def _scale(self) -> float:
         """Samples per metre."""
         return self.probe.sample_rate / self.speed_of_sound
-
-    def _direct(self, places: Array) -> SoundPaths:
-        """Return the direct path to microphones at places (M, 3) about the loudspeaker."""
-        distance = np.linalg.norm(places, axis=-1)[None]
-        # Which of them it faces does not depend on how the robot is turned.
-        highs = self._flaws.sent(self.array.positions)[None]
-        return self._arrivals(distance, highs=highs, clusters=np.ones((1, 1)))
 
     def _walls(self, room: AnyRoom, pose: Pose, places: Array) -> SoundPaths:
         """Return the first-order echoes of a room's walls.
@@ -152,15 +156,17 @@ class ImperfectScene(Scene):
         flaws = self._flaws
         loss = np.log(flaws.dulling.mean()) / (self._scale * free_path(room))
         sent = 1.0 - flaws.drawn["directivity"] / 2.0
-        share = sent * np.exp(loss * np.arange(response.shape[1]))
+        # In steps of 64 samples and of one: exponentials take as long as the filter.
+        steps = np.exp(loss * STEP * np.arange(response.shape[1] // STEP + 1))
+        within = sent * np.exp(loss * np.arange(STEP))
+        share = np.multiply.outer(steps, within).ravel()
         heard = [np.convolve(flaws.clusters[-1], microphone) for microphone in flaws.microphones]
         low = low_pass(self.probe.sample_rate)
         return filtered_signals(response, np.array(heard), low=low, share=share)
 
     def _recorded(self, response: Array) -> Array:
         """Return the burst as the loudspeaker plays it, after a response (M, K), shape (M, N)."""
-        length = self.probe.length + AHEAD
-        return signals.convolve(self._emitted, response, length=length)[:, AHEAD:]
+        return signals.convolve(self._emitted, response, length=self.probe.length, skip=AHEAD)
 
     @cached_property
     def _emitted(self) -> Array:

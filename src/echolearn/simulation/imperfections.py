@@ -37,5 +37,5 @@ class Imperfections:
 
     def sent(self, toward: Array) -> Array:
         """Return the share of high frequencies that the loudspeaker sends towards (..., 3)."""
-        cosine = toward @ self.facing / np.linalg.norm(toward, axis=-1)
+        cosine = toward @ self.facing / np.sqrt(np.vecdot(toward, toward))
         return 1.0 - self.drawn["directivity"] * (1.0 - cosine) / 2.0

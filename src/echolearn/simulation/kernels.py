@@ -10,6 +10,8 @@
   Discrete-Time Signal Processing, section 13.5).
 """
 
+from functools import lru_cache
+
 import numpy as np
 from scipy import fft
 
@@ -76,8 +78,16 @@ def ripple(
         Levels in dB, shape (count, F).
     """
     knots = rng.standard_normal((count, 2 * OCTAVES))
-    place = 2.0 * np.log2(np.maximum(frequencies, LOWEST) / LOWEST)
-    return deviation_db * np.stack([np.interp(place, np.arange(2 * OCTAVES), row) for row in knots])
+    return deviation_db * (knots @ _between(frequencies.tobytes()))
+
+
+@lru_cache
+def _between(frequencies: bytes) -> Array:
+    """Return the weights that read levels at frequencies from those at knots, (2 OCTAVES, F)."""
+    hertz = np.frombuffer(frequencies)
+    place = 2.0 * np.log2(np.maximum(hertz, LOWEST) / LOWEST)
+    each = np.eye(2 * OCTAVES)
+    return np.stack([np.interp(place, np.arange(2 * OCTAVES), knot) for knot in each])
 
 
 def band_db(frequencies: Array, low: float, high: float) -> Array:

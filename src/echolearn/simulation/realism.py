@@ -175,7 +175,7 @@ class Realism:
 def _directions(count: int, rng: np.random.Generator) -> Array:
     """Draw unit vectors, as many on each side, shape (count, 3)."""
     vectors = rng.standard_normal((count, 3))
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.sqrt(np.vecdot(vectors, vectors))[:, None]
 
 
 def _microphones(

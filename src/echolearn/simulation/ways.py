@@ -66,6 +66,11 @@ def _of_polygon(
 
 def ways_out(room: AnyRoom, place: Array, toward: Array) -> Array:
     """Return how far walls, floor or ceiling are in directions (Q, 3), in m; infinite in doors."""
+    if isinstance(room, Room):
+        low, high = bounds(room)
+        with np.errstate(divide="ignore"):
+            each: Array = np.abs((np.where(toward > 0, high, low) - place) / toward)
+        return each.min(axis=1)
     sides = outline(room)
     edge = (sides[:, 1] - sides[:, 0])[None]
     offset = (sides[:, 0] - place[:2])[None]
