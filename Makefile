@@ -21,7 +21,7 @@ LATER := *_ideal,*_cfar,*_invariant,ensemble,mapnet,posenet
 MAPPED := 8x6x5,13x11x5
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper tiny measured point large readme studies bench architecture test test-release coverage lint clean
+.PHONY: help venv paper map tiny measured point large readme studies bench architecture test test-release coverage lint clean
 
 help: ## show this page
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -51,6 +51,9 @@ paper: $(READY) ## the main job in full size: sets, classifiers, surveys, compar
 	  -- plan=paper_planar seed=0,1,2 classifier=svm_pair,svm_toa,threshold_peak split=position,row
 	$(RUN) survey -m -j $(JOBS) runs=$(RUNS) room=$(MAPPED) snr_db=-10,-5,0,10,40
 	$(RUN) compare runs=$(RUNS) $(README)
+
+map: $(READY) ## a map of the example walk by the bundle that comes along, nothing trained
+	$(RUN) map runs=$(RUNS) survey=examples/survey/short
 
 tiny: $(READY) ## the same path on small sets, for a first look
 	$(RUN) generate -m runs=$(RUNS)/tiny plan=tiny,tiny_scattered

@@ -42,7 +42,7 @@ def test_balanced_by_hand():
 def test_by_hand(aim, threshold, precision, retention):
     confidence = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.9, 0.95])
     y = np.array([0, 0, 1, 0, 1, 0, 1, 1], dtype=bool)
-    found = choose_cut(confidence, y, read_aim(aim))
+    found = choose_cut(confidence, y, aim=read_aim(aim))
     assert found.aim == aim
     shares = (found.threshold, found.precision, found.retention)
     assert shares == pytest.approx((threshold, precision, retention))
@@ -51,7 +51,7 @@ def test_by_hand(aim, threshold, precision, retention):
 def test_what_keeps_all_is_a_cut_too():
     y = np.array([True, False, True, True])
     for aim in ("precision 0.7", "retention 1"):
-        assert choose_cut(np.full(4, 0.3), y, read_aim(aim)).threshold == 0.0
+        assert choose_cut(np.full(4, 0.3), y, aim=read_aim(aim)).threshold == 0.0
 
 
 @given(
@@ -66,9 +66,9 @@ def test_no_other_cut_keeps_more_at_that_precision(rows, share):
     most = float(recall_at(y, confidence, precision=share))
     if most == 0:
         with pytest.raises(OutOfReach, match="best is"):
-            choose_cut(confidence, y, Aim("precision", share))
+            choose_cut(confidence, y, aim=Aim("precision", share))
         return
-    found = choose_cut(confidence, y, Aim("precision", share))
+    found = choose_cut(confidence, y, aim=Aim("precision", share))
     kept = confidence >= found.threshold
     assert y[kept].mean() == pytest.approx(found.precision) and found.precision >= share - 1e-9
     assert y[kept].sum() / y.sum() == pytest.approx(found.retention) == pytest.approx(most)

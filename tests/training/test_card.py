@@ -59,4 +59,4 @@ def test_a_comparison_of_others_is_no_evidence(written, compared):
     about = json.loads((folder / "bundle.json").read_text()) | {"classifier": "trees_other"}
     said = "evidence=.*: must be a comparison of runs of trees_other with target=reflector"
     with pytest.raises(BadValue, match=said):
-        card(about, {}, [compared])
+        card(about, plan={}, evidence=[compared])

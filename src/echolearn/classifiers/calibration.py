@@ -116,9 +116,9 @@ def calibrate(
     mapping = mapping_of(decision, y, method=method)
     confidence = mapping(decision)
     try:
-        return Calibrated(classifier, method, mapping, choose_cut(confidence, y, aim or Aim()))
+        return Calibrated(classifier, method, mapping, choose_cut(confidence, y, aim=aim or Aim()))
     except OutOfReach as error:
-        point = choose_cut(confidence, y, Aim())
+        point = choose_cut(confidence, y, aim=Aim())
         return Calibrated(classifier, method, mapping, point, missed=str(error))
 
 

@@ -96,7 +96,7 @@ def point_of(point: OperatingPoint) -> dict[str, str | float | None]:
     return {"aim": point.aim, **finite}
 
 
-def choose_cut(confidence: Array, y: Array, aim: Aim) -> OperatingPoint:
+def choose_cut(confidence: Array, y: Array, *, aim: Aim) -> OperatingPoint:
     """Return the cut that an aim calls for.
 
     Args:

@@ -64,7 +64,7 @@ def changes(
     target = model.target or PAPER
     for name, other in under_conditions(sets).items():
         if name in given and other in given:
-            here, there = (_Heard.of(sets[key], given[key], target) for key in (name, other))
+            here, there = (_Heard.of(sets[key], given[key], target=target) for key in (name, other))
             weights = stats.cluster_weights(sets[name]["group"], resamples=resamples)
             found = stats.interval(partial(_difference, here, there), weights)
             yield {
@@ -90,7 +90,7 @@ class _Heard(NamedTuple):
     ceiling: float
 
     @classmethod
-    def of(cls, dataset: Dataset, given: Sequence[Predictions], target: str) -> "_Heard":
+    def of(cls, dataset: Dataset, given: Sequence[Predictions], *, target: str) -> "_Heard":
         """Return what predictions say of a set with this label."""
         truth = dataset[target].astype(bool)
         ceiling = float(metrics.auc(truth, locked(dataset)))

@@ -80,7 +80,7 @@ At {held_out} held-out rows of its own set, by its label, with 95 % intervals ov
 """The page, with places for what differs from bundle to bundle."""
 
 
-def card(about: Mapping[str, Any], plan: Mapping[str, Any], evidence: Sequence[Path]) -> str:
+def card(about: Mapping[str, Any], *, plan: Mapping[str, Any], evidence: Sequence[Path]) -> str:
     """Return the card of a bundle.
 
     Args:

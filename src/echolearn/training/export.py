@@ -90,9 +90,8 @@ def export(
             _write(folder, about, files)
     if card is not None:
         plan = dataset.manifest["plan"]
-        page = card_of(
-            load_json(folder / manifests.BUNDLE), plan, [Path(name) for name in evidence]
-        )
+        told = [Path(name) for name in evidence]
+        page = card_of(load_json(folder / manifests.BUNDLE), plan=plan, evidence=told)
         write_atomic(Path(card), page.encode())
     return folder
 
@@ -177,7 +176,7 @@ def cut_for(run: Run, dataset: Dataset, aim: Aim) -> Run:
     # Chosen again by the exported model, the run's own cut would differ by rounding.
     if run.metrics.get("operating_point", {"aim": BALANCED})["aim"] == str(aim):
         return run
-    point = choose_cut(*validation_rows(run, dataset), aim)
+    point = choose_cut(*validation_rows(run, dataset), aim=aim)
     told = {"threshold": point.threshold, "operating_point": point_of(point)}
     return Run(run.folder, {**run.metrics, **told})
 

@@ -9,7 +9,6 @@ validation rows, since a margin and a logit cannot be averaged. Each sees its ow
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -53,14 +52,13 @@ class Ensemble:
         unseen, labels = examples.validation
         logits = []
         for name, member in self.members.items():
-            place = examples.folder / name
             own = replace(
                 examples,
                 x=self._seen(examples.x, member),
                 validation=(self._seen(unseen, member), labels),
-                folder=place,
+                folder=examples.folder / name,
             )
-            _fit(member, own, place)
+            _fit(member, own)
             logits.append(platt(member.decision(own.validation[0]), labels))
         self.logits = np.array(logits)
         return self
@@ -85,13 +83,14 @@ class Ensemble:
         """Return all members as one torch module."""
         tensor = is_tensor(self.inputs)
         return Mean(
-            Part(member.scorer(), None if tensor else self._columns(member), *line)
+            Part(member.scorer(), columns=None if tensor else self._columns(member), line=line)
             for member, line in zip(self.members.values(), self.logits.tolist(), strict=True)
         )
 
 
-def _fit(member: Classifier, examples: Examples, place: Path) -> None:
+def _fit(member: Classifier, examples: Examples) -> None:
     """Fit a member in a folder of its own, which goes if nothing is left there."""
+    place = examples.folder
     place.mkdir(parents=True, exist_ok=True)
     member.fit(examples)
     if not any(place.iterdir()):
@@ -105,18 +104,19 @@ class Part(torch.nn.Module):
     intercept: torch.Tensor
 
     def __init__(
-        self, scorer: torch.nn.Module, columns: list[int] | None, slope: float, intercept: float
+        self, scorer: torch.nn.Module, *, columns: list[int] | None, line: tuple[float, float]
     ) -> None:
         """Make one.
 
         Args:
             scorer: the member's.
             columns: places of what it sees; None: all.
-            slope, intercept: of its logit.
+            line: slope and intercept of its logit.
         """
         super().__init__()
         self.scorer = scorer
         self.columns = columns
+        slope, intercept = line
         register_constants(self, slope=slope, intercept=intercept)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
