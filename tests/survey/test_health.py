@@ -356,6 +356,8 @@ def test_poses_that_stand_still_while_echoes_move_are_noticed(tmp_path):
         survey = write(tmp_path / name, sound + noise, direct=False, poses=poses)
         said = "".join(examine(survey).noticed)
         assert ("are x_m and y_m filled in" in said) == (name == "moves")
+    edit(tmp_path / "moves", map=False)
+    assert examine(read_survey(tmp_path / "moves")).noticed == ()
 
 
 def test_a_gain_that_follows_the_sound_hides_no_direct_path(tmp_path):
@@ -403,6 +405,14 @@ def test_how_to_map_without_microphone_1_is_said(tmp_path):
     survey = write(tmp_path / "walk", at(1, lambda x: 0 * x)(walk(direct=True)), direct=True)
     [line] = examine(survey).refused
     assert line.endswith("maps with the others, by a bundle whose localizer is joint or em")
+
+
+def test_a_sign_that_changes_from_recording_to_recording_is_told(tmp_path):
+    sign = np.where(np.arange(24) % 3 == 0, -1, 1)[:, None, None]
+    poses = trajectory(ROOM, poses=24)
+    sound = sign * walk(direct=False, poses=24)
+    [line] = examine(write(tmp_path / "walk", sound, direct=False, poses=poses)).noticed
+    assert line.startswith("the strongest echo is negative in 33 % of 24 recordings; localizer.si")
 
 
 def test_a_soft_microphone_is_told_and_mended_by_gains_only(tmp_path):

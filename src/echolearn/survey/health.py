@@ -36,6 +36,10 @@ FAINT = 0.05
 CLEAR = 10.0
 """Height over the noise from which an arrival tells of the clocks."""
 
+SOME = 0.2
+FEWEST = 5
+"""Share and number of negative echoes that are told; of sound walks there is none."""
+
 DIRECT_SHARE = 0.01
 """Share of a calibration's energy that is the direct path, at least; of noise some thousandths."""
 
@@ -232,8 +236,10 @@ def _reversed(sign: Array, numbers: Sequence[object]) -> list[str]:
     if place:
         begun = numbers[place]
         return [f"the strongest echo turns its sign at recording {begun}; was a plug? {either}"]
-    # Two standard deviations of a coin that is tossed for each.
-    if not (2 * share - 1) * seen >= 2 * np.sqrt(max(seen, 1)):
+    # Two standard deviations of a coin that is tossed for each; or some, of which walls have none.
+    mostly = (2 * share - 1) * seen >= 2 * np.sqrt(max(seen, 1))
+    some = share >= SOME and share * seen >= FEWEST
+    if not (mostly or some):
         return []
     return [f"the strongest echo is negative in {100 * share:.0f} % of {seen} recordings; {either}"]
 

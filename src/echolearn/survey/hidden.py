@@ -99,7 +99,9 @@ def _wide(walk: Walk) -> list[str]:
 def _still(walk: Walk) -> list[str]:
     """Return the line on poses that do not move, though the echoes do."""
     places = np.array([pose.position for pose in walk.survey.poses])
-    if len(places) < 2 or np.ptp(places, axis=0).max() > STILL:
+    # Where the loudspeaker moves on its own, echoes move though the robot does not.
+    apart = walk.survey.loudspeakers is not None or not walk.survey.mapped
+    if apart or len(places) < 2 or np.ptp(places, axis=0).max() > STILL:
         return []
     # Floor and ceiling are always as far away; what comes from there has no azimuth.
     path = np.where(np.isfinite(walk.echo.azimuth), walk.echo.path, np.nan)
@@ -109,8 +111,8 @@ def _still(walk: Walk) -> list[str]:
     )
     if len(moved) < FEWEST or np.mean(moved < AGAIN) > SEEN_AGAIN:
         return []
-    apart = 1000 * float(np.ptp(places, axis=0).max())
+    within = 1000 * float(np.ptp(places, axis=0).max())
     return [
-        f"poses are within {apart:.2g} mm of one another, but {np.sum(moved >= AGAIN)} of "
+        f"poses are within {within:.2g} mm of one another, but {np.sum(moved >= AGAIN)} of "
         f"{len(moved)} echoes move: are x_m and y_m filled in, in m and not in degrees?"
     ]
