@@ -75,7 +75,8 @@ At {held_out} held-out rows of its own set, by its label, with 95 % intervals ov
   above, were not learned. The rooms were boxes.
 - The cut was chosen on simulated rows with their share of true echoes: where fewer are true, less
   of what is kept is. The tables say by how much on other sound.
-- Figures on measured sound are of the same recipe, trained for the array that measured.
+- Figures on measured sound, if a table has any, are of the same recipe, trained for the array that
+  measured. Without such a table, what it is worth there is not known.
 """
 """The page, with places for what differs from bundle to bundle."""
 
