@@ -52,13 +52,20 @@ class MapNet:
         joined = nn.Linear(14 * self.channels, self.hidden)
         hidden = [nn.Dropout(self.dropout), joined, nn.GELU(), nn.Dropout(self.dropout)]
         head = nn.Sequential(*hidden, nn.Linear(self.hidden, 1), nn.Flatten(0))
-        return Joined(Round(self.channels), Together(self.channels), head)
+        return Joined(Round(self.channels), Together(self.channels), head=head)
 
 
 class Joined(nn.Module):
     """Both branches of a map, and a network on top."""
 
-    def __init__(self, around: nn.Module, microphones: nn.Module, head: nn.Module) -> None:
+    def __init__(self, around: nn.Module, microphones: nn.Module, *, head: nn.Module) -> None:
+        """Join both.
+
+        Args:
+            around: branch of azimuths.
+            microphones: branch of microphones.
+            head: from what both find to logits.
+        """
         super().__init__()
         self.around = around
         self.microphones = microphones
@@ -90,6 +97,7 @@ class Round(nn.Module):
         """Map (B, 2, sectors, lags) to (B, 8 * channels): the echo, its sector, mean, maximum."""
         for layer in (self.first, self.second, self.third):
             x = nn.functional.gelu(layer(wrapped(x)))
+        # Strides keep the echo in the middle of the lags and in the first sector.
         middle = x.shape[3] // 2
         parts = [x[:, :, 0, middle], x[:, :, 0].amax(dim=2), x.mean(dim=(2, 3)), x.amax(dim=(2, 3))]
         return torch.cat(parts, dim=1)
@@ -116,6 +124,7 @@ class Together(nn.Module):
         each = nn.functional.gelu(self.first(x.reshape(-1, 1, lags)))
         each = nn.functional.gelu(self.second(each))
         each = each.reshape(rows, microphones, *each.shape[1:])
+        # Mean and variance have no order of microphones, and take any number of them.
         mean = each.mean(dim=1)
         spread = (each - mean[:, None]).square().mean(dim=1)
         found = nn.functional.gelu(self.third(torch.cat([mean, spread], dim=1)))

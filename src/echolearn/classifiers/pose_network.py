@@ -46,7 +46,7 @@ class PoseNet:
         """Return the network for rows of `shape`, (candidates, K)."""
         allowed = "PoseNet is for candidates; take Mlp for columns"
         check(len(shape) == 2, "net", "PoseNet", allowed=allowed)
-        return Attending(shape[1], self.width, self.dropout)
+        return Attending(shape[1], width=self.width, dropout=self.dropout)
 
     def scale(self, x: Inputs, *, rows: int = 4000) -> nn.Module:
         """Return the map to standardised inputs: a column is scaled alike at every candidate.
@@ -79,7 +79,14 @@ class Present(nn.Module):
 class Attending(nn.Module):
     """See `PoseNet`."""
 
-    def __init__(self, columns: int, width: int, dropout: float) -> None:
+    def __init__(self, columns: int, *, width: int, dropout: float) -> None:
+        """Make one.
+
+        Args:
+            columns: numbers that tell of a candidate.
+            width: units of every layer.
+            dropout: share of hidden units silenced in training.
+        """
         super().__init__()
         hidden = [nn.Linear(columns, width), nn.GELU(), nn.Dropout(dropout)]
         self.each = nn.Sequential(*hidden, nn.Linear(width, width), nn.GELU())
@@ -95,6 +102,7 @@ class Attending(nn.Module):
         each = self.each(x)
         own = each[:, 0]
         pairs = torch.tanh(self.own(own)[:, None] + self.other(each))
+        # Far below any score, so that what is not there weighs exactly nothing.
         scores = torch.where(there, self.weight(pairs), torch.full_like(pairs[..., :1], -1e9))
         attended = (torch.softmax(scores, dim=1) * each).sum(dim=1)
         highest = torch.where(there, each, torch.full_like(each, -1e9)).amax(dim=1)
