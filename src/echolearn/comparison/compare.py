@@ -77,8 +77,7 @@ def compare(
         resamples: bootstrap draws behind every interval.
         workers: processes; the result does not depend on their number.
         readme: a file whose results table, between markers, is replaced; None leaves it.
-        plan_of: the plan that a set was made by, or None; of sets with one, the recordings of the
-            worst errors are made again and drawn.
+        plan_of: the plan that a set was made by, if known: it makes what errors are drawn from.
         command: what makes the comparison again, for its manifest; None says nothing about it.
 
     Raises:
@@ -86,9 +85,7 @@ def compare(
             that differ in their settings but not in their name, a README without the markers.
     """
     lists = {"tested": tested, "surveys": surveys, "bundles": bundles}
-    _check(name, lists, resamples=resamples, workers=workers)
-    if readme is not None:
-        around(readme, report.RESULTS)
+    _check(name, lists, readme, resamples=resamples, workers=workers)
     inputs = load_inputs(Path(runs), **lists, localizers=localizers)
     known = identity(inputs) | {"resamples": resamples, "report": report.FORMAT}
     folder = Path(runs) / "compare" / name
@@ -97,8 +94,7 @@ def compare(
         """Evaluate everything, write the comparison, and return what of it is shown."""
         comparison = evaluate(inputs, resamples=resamples, workers=workers)
         examined = examine(comparison, trained=inputs.trained, plan_of=plan_of, resamples=resamples)
-        tell(examined.warnings)
-        about = {"kind": "comparison", "inputs": known} | command_entry(command)
+        about = {"kind": "comparison", "inputs": known, **command_entry(command)}
         return _write(folder, comparison, examined, about=about)
 
     # Shown is what this command has made or found: another one may write into the folder by now.
@@ -107,7 +103,14 @@ def compare(
     return folder
 
 
-def _check(name: str, lists: Mapping[str, Sequence[str]], *, resamples: int, workers: int) -> None:
+def _check(
+    name: str,
+    lists: Mapping[str, Sequence[str]],
+    readme: Path | None,
+    *,
+    resamples: int,
+    workers: int,
+) -> None:
     check_name("name", name)
     for key, names in lists.items():
         check_list(key, names)
@@ -122,6 +125,8 @@ def _check(name: str, lists: Mapping[str, Sequence[str]], *, resamples: int, wor
     check(some, "tested", "[]", allowed="must name at least one labelled set")
     check_whole("resamples", resamples, low=20, high=100_000)
     check_whole("workers", workers, low=1, high=1024)
+    if readme is not None:
+        around(readme, report.RESULTS)
 
 
 def load_inputs(
@@ -158,14 +163,11 @@ def load_inputs(
     check(len(models) > 0, "runs", runs, allowed="must be a folder with trained runs", hint=hint)
     enough = len(localizers) > 0 or not surveys
     check(enough, "localizers", "{}", allowed="must hold at least one, to localize the surveys")
-    folders = _known_sets(runs)
-    known = list(folders.values())
-    plans = [each["plan"] for each in known]
-    robots = {
-        digest(each["files"]): robot_in(each["plan"]["scene"])
-        for each in known
-        if each.get("format") == FORMAT
-    }
+    known = _known_sets(runs)
+    plans = [each["plan"] for each in known.values()]
+    current = {folder: each for folder, each in known.items() if each.get("format") == FORMAT}
+    trained = {digest(each["files"]): folder for folder, each in current.items()}
+    robots = {key: robot_in(current[folder]["plan"]["scene"]) for key, folder in trained.items()}
     found = bundled.opened(bundles, runs, finished=finished)
     return Inputs(
         models | {run.model: [run] for run, _ in found},
@@ -174,11 +176,7 @@ def load_inputs(
         {key: find_survey(runs, key) for key in surveys},
         localizers,
         {run.data_digest: robot for run, robot in found} | robots,
-        {
-            digest(each["files"]): folder
-            for folder, each in folders.items()
-            if each.get("format") == FORMAT
-        },
+        trained,
     )
 
 
@@ -242,6 +240,7 @@ def _write(
     from echolearn.comparison.drawings import draw_all
     from echolearn.comparison.examined_figures import draw_examined
 
+    tell(examined.warnings)
     # What an interrupted command or another comparison of this name has left goes first.
     clean(folder)
     clean(folder / "figures")

@@ -106,9 +106,45 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
         resamples: bootstrap draws behind every interval.
         workers: processes; the result does not depend on their number.
     """
+    repeated = under_conditions(inputs.sets)
+    rows: list[Row] = []
+    tests: list[Row] = []
+    shares: list[Share] = []
+    surveys = {}
+    measured = {}
+    for found in evaluations(inputs, resamples=resamples, workers=workers):
+        rows += found.rows
+        tests += found.tests
+        # Another condition at the same positions is no further room.
+        if not found.rows or found.rows[0]["tested_on"] not in repeated:
+            shares += found.shares
+        if found.survey:
+            source = found.survey.labelled.source
+            surveys[source.tested_on, source.localizer] = found.survey
+        if found.measured:
+            source = found.measured.labelled.source
+            measured[source.tested_on, source.localizer] = found.measured
+    check_some_fit(rows)
+    rows += pooled_rows(shares)
+    # All tests of a family are corrected together, so only when all of them are known.
+    models = inputs.models
+    corrected = pairs.correct([*tests, *pooled_tests(shares), *fold_tests(models)])
+    changed = evaluate_conditions(inputs, resamples=resamples)
+    return Comparison(
+        models, inputs.roles, inputs.sets, surveys, rows, corrected, measured, changed
+    )
+
+
+def evaluations(inputs: Inputs, *, resamples: int, workers: int) -> list[Evaluation]:
+    """Return what is found on every set and on every survey by each localizer, in their order.
+
+    Args:
+        inputs: models, sets, surveys, localizers.
+        resamples: bootstrap draws behind every interval.
+        workers: processes.
+    """
     models = inputs.models
     best = closely(models, inputs.roles)
-    repeated = under_conditions(inputs.sets)
     jobs = []
     mapped = [folder for folder in inputs.surveys.values() if is_mapped(folder)]
     with processes(workers) as pool:
@@ -128,32 +164,7 @@ def evaluate(inputs: Inputs, *, resamples: int, workers: int) -> Comparison:
             given = about | {"name": name}
             jobs.append(pool.submit(evaluate_measured, models, group, folders=folders, **given))
         waiting = track(jobs, "evaluate", unit="sets and surveys")
-        done = [job.result() for job in waiting]
-    rows: list[Row] = []
-    tests: list[Row] = []
-    shares: list[Share] = []
-    surveys = {}
-    measured = {}
-    for found in done:
-        rows += found.rows
-        tests += found.tests
-        # Another condition at the same positions is no further room.
-        if not found.rows or found.rows[0]["tested_on"] not in repeated:
-            shares += found.shares
-        if found.survey:
-            source = found.survey.labelled.source
-            surveys[source.tested_on, source.localizer] = found.survey
-        if found.measured:
-            source = found.measured.labelled.source
-            measured[source.tested_on, source.localizer] = found.measured
-    # All tests of a family are corrected together, so only when all of them are known.
-    check_some_fit(rows)
-    rows += pooled_rows(shares)
-    corrected = pairs.correct([*tests, *pooled_tests(shares), *fold_tests(models)])
-    changed = evaluate_conditions(inputs, resamples=resamples)
-    return Comparison(
-        models, inputs.roles, inputs.sets, surveys, rows, corrected, measured, changed
-    )
+        return [job.result() for job in waiting]
 
 
 def check_some_fit(rows: Sequence[Row]) -> None:

@@ -77,7 +77,8 @@ class Run:
         told = ("name", "plan", "role", "method", "split", "target")
         without = " ".join(self.metrics.get("without", ()))
         rows = str(self.metrics.get("train_rows") or "")
-        return Model(*map(self.metrics.__getitem__, told), train_rows=rows, without=without)
+        model = Model(*map(self.metrics.__getitem__, told))
+        return model._replace(train_rows=rows, without=without)
 
     @property
     def seed(self) -> int:
