@@ -9,13 +9,12 @@ left is integrated backwards (Schroeder 1965), so that its slope is that of the 
 """
 
 import math
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from echolearn.acoustics.signals import matched_filter
-from echolearn.acoustics.types import SPEED_OF_SOUND, Array
+from echolearn.acoustics.types import Array
 from echolearn.survey.survey import Survey, blocks
 
 NOISE_SHARE = 0.1
@@ -75,14 +74,15 @@ def energy_by_lag(survey: Survey, first: int) -> Array:
     return total / (len(survey.poses) * survey.used.sum())
 
 
-def reach_in(energy: Array, *, rate: float, averaged: int, nearest: float) -> Reach:
+def reach_in(energy: Array, *, rate: float, averaged: int, first: int, step: float) -> Reach:
     """Return what energy by lag tells.
 
     Args:
         energy: shape (L,).
         rate: in Hz.
         averaged: correlations that each is the mean of.
-        nearest: distance of a wall whose echo has the first lag, in m.
+        first: lag of the first.
+        step: distance of walls whose echoes are a lag apart, in m.
     """
     width = max(1, round(SMOOTH * rate))
     count = len(energy) // width
@@ -95,7 +95,7 @@ def reach_in(energy: Array, *, rate: float, averaged: int, nearest: float) -> Re
     heard = count if loud.all() else int(np.argmin(loud))
     if not heard:
         return Reach(math.nan, math.nan)
-    farthest = nearest + heard * width / rate * SPEED_OF_SOUND / 2
+    farthest = (first + heard * width) * step
     return Reach(farthest, _decay(steps[:heard] - noise, width / rate))
 
 
