@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import chain, product
 from pathlib import Path
@@ -149,10 +150,7 @@ def evaluations(inputs: Inputs, *, resamples: int, workers: int) -> list[Evaluat
     mapped = [folder for folder in inputs.surveys.values() if is_mapped(folder)]
     with processes(workers) as pool:
         # Whatever is refused is so before any work, once for all localizers.
-        walked = [folder for folder in inputs.surveys.values() if is_examined(folder)]
-        healths = dict(zip(walked, pool.map(examined, walked), strict=True))
-        for line in lines_of(healths.items()):
-            print(line, file=sys.stderr, flush=True)
+        healths = _healths(inputs, pool)
         shared: Any = {"robots": inputs.robots, "resamples": resamples}
         for dataset in inputs.sets.values():
             jobs.append(pool.submit(evaluate_set, models, dataset.folder, best=best, **shared))
@@ -165,6 +163,15 @@ def evaluations(inputs: Inputs, *, resamples: int, workers: int) -> list[Evaluat
             jobs.append(pool.submit(evaluate_measured, models, group, folders=folders, **given))
         waiting = track(jobs, "evaluate", unit="sets and surveys")
         return [job.result() for job in waiting]
+
+
+def _healths(inputs: Inputs, pool: ProcessPoolExecutor) -> dict[Path, Health]:
+    """Return what recorded surveys say about themselves, by their folders, and tell it."""
+    walked = [folder for folder in inputs.surveys.values() if is_examined(folder)]
+    healths = dict(zip(walked, pool.map(examined, walked), strict=True))
+    for line in lines_of(healths.items()):
+        print(line, file=sys.stderr, flush=True)
+    return healths
 
 
 def check_some_fit(rows: Sequence[Row]) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.survey import naming
 from echolearn.survey.arrivals import SEEN, Arrivals, crests
+from echolearn.survey.moved import PLACED, moved_loudspeaker
 
 TRUST = "time zero is taken on trust, since direct_path is removed"
 HIDDEN = "time zero is not measurable at this SNR"
@@ -24,9 +25,6 @@ HIDDEN = "time zero is not measurable at this SNR"
 
 REST = 0.25
 """Samples of latency that are left: geometry and sampling are not known better."""
-
-PLACED = 0.005
-"""m within which positions of microphones and of a loudspeaker's sound are known."""
 
 ROUGH = 1.0
 """Samples by which one microphone may be off where only times and directions are wanted, which are
@@ -40,11 +38,6 @@ all frequencies: sqrt(3) / pi."""
 
 JOINT = 9.0
 """The same as `SEEN` for the root of the summed squares of all microphones, which is larger."""
-
-FARTHEST = 1.0
-MOSTLY = 0.9
-"""m by which a loudspeaker may have been measured wrongly, and share of the direct paths that it
-must then explain."""
 
 SPARED = 5.0
 """Samples from its usual lag within which a soft direct path is one."""
@@ -169,7 +162,7 @@ def time_zero_of(
     wrong &= _again(wrong, direct, count=int(seen.sum()))
     told: tuple[str, ...] = ()
     if wrong.any():
-        elsewhere = moved_loudspeaker(off, positions, unit=unit, allowed=allowed)
+        elsewhere = moved_loudspeaker(off, positions, metre=speed / sample_rate, allowed=allowed)
         about: Any = {"numbers": numbers, "unit": unit, "allowed": allowed}
         line = _disagree(off, wrong, elsewhere=elsewhere, **about)
         if mapped or float(np.abs(off[wrong]).max()) > ROUGH:
@@ -243,41 +236,6 @@ def _missing(direct: Direct, used: Array) -> Array:
         visible = usual > LOUD * direct.noise
         soft = ~(height > 0.3 * usual)
     return visible.any(axis=-1) & ((visible & soft).sum(axis=-1) > visible.sum(axis=-1) / 2)
-
-
-def moved_loudspeaker(off: Array, positions: Array | None, *, unit: _Unit, allowed: float) -> str:
-    """Return by how much a loudspeaker seems moved, if that explains all direct paths; else "".
-
-    Gauss and Newton's steps to the least squares of |p_m - d| - |p_m| + b = off_m c / fs.
-
-    Args:
-        off: latency less that of the median microphone, shape (P, M); NaN where it is not seen.
-        positions: of the microphones around the loudspeaker, shape (M, 3), in m; None if it is not
-            carried.
-        unit: says lags.
-        allowed: samples by which a direct path may be off.
-    """
-    seen = np.isfinite(off).any(axis=0)
-    # As many again as there are unknowns beyond those of a plane would fit anything.
-    if positions is None or seen.sum() < 5:
-        return ""
-    metre = unit.speed / unit.sample_rate
-    ways = metre * np.nanmedian(off[:, seen], axis=0)
-    around = positions[seen]
-    moved = np.zeros(4)
-    for _ in range(8):
-        apart = around - moved[:3]
-        away = np.linalg.norm(apart, axis=1)
-        rest = ways - (away - np.linalg.norm(around, axis=1) + moved[3])
-        slope = np.column_stack([-apart / np.maximum(away, 1e-3)[:, None], np.ones(len(away))])
-        moved += np.linalg.lstsq(slope, rest, rcond=1e-3)[0]
-    left = np.abs(off[:, seen] - (ways - rest) / metre)
-    explained = np.mean(left[np.isfinite(left)] <= allowed) > MOSTLY
-    told = len(ways) > np.linalg.matrix_rank(slope, tol=1e-3)
-    if not (explained and told and PLACED < np.linalg.norm(moved[:3]) < FARTHEST):
-        return ""
-    shown = ", ".join(f"{each:z.3f}" for each in moved[:3])
-    return f"all would fit with loudspeaker moved by [{shown}] m; is it where survey.yaml has it?"
 
 
 def _lost(numbers: Sequence[object], missing: Array) -> list[str]:
