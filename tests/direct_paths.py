@@ -34,7 +34,8 @@ from echolearn.storage.marked_page import Markers, write_between
 from echolearn.survey import early, protocols
 from echolearn.survey.audio import wav_bytes
 from echolearn.survey.description import description_bytes
-from echolearn.survey.health import as_found, examine
+from echolearn.survey.examining import examine
+from echolearn.survey.health import as_found
 from echolearn.survey.poses import poses_csv
 from echolearn.survey.reader import read_survey
 from echolearn.survey.sources.r3vival import R3vival

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.survey.health import examine
+from echolearn.survey.examining import examine
 from echolearn.survey.mending import taken_off
 from recorded_walks import PROBE, write
 from sound_walks import drawn

@@ -17,7 +17,8 @@ from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.rotor import Rotor
 from echolearn.simulation.walk import trajectory
-from echolearn.survey.health import Health, examine
+from echolearn.survey.examining import examine
+from echolearn.survey.health import Health
 from recorded_walks import ARRAY, PROBE, SCENE, write
 
 LEVELS = (40, 20, 10, 0, -5, -10, -20)

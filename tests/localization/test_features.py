@@ -24,7 +24,7 @@ from echolearn.localization.columns import (
     TENSORS,
     tensor_shape,
 )
-from echolearn.localization.localize import localize
+from echolearn.localization.localize import describe, localize
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
@@ -49,7 +49,7 @@ def estimated(*samples, localizer=GATED):
 
 def described(*samples, localizer=GATED):
     matched, echoes = estimated(*samples, localizer=localizer)
-    return features.describe([matched], echoes, names=(*EVERY_COLUMN, *EVERY_TENSOR))
+    return describe([matched], echoes, names=(*EVERY_COLUMN, *EVERY_TENSOR))
 
 
 class Case(NamedTuple):
@@ -99,14 +99,14 @@ def test_each_of_several_echoes_knows_its_rank_and_its_nearest_neighbour_besides
     views = separate(MatchedFilter(batch, SearchWindow()), echoes)
     for r, view in enumerate(views):
         one = Echoes(*(values[:, r : r + 1] for values in vars(echoes).values()))
-        for name, column in features.describe([view], one).items():
+        for name, column in describe([view], one).items():
             if not name.startswith(("power", "azimuth_mpdr", "covariance")):
                 assert np.array_equal(column[0], columns[name][r]), name
 
 
 def test_localize_gives_the_echoes_and_the_columns_that_are_asked_for():
     matched, echoes = estimated(noisy(0.4, 0.1))
-    everything = features.describe([replace(matched, azimuths=180)], echoes)
+    everything = describe([replace(matched, azimuths=180)], echoes)
     found, some = localize(matched.observation, GATED, names=["coherence", "joint"])
     assert np.array_equal(found.toa, echoes.toa)
     assert {"coherence", "joint"} <= set(some) <= set(everything) - {"power", *TENSORS}
@@ -204,7 +204,7 @@ def test_an_echo_from_above_is_level_with_nothing():
     above = np.tile(0.1 * shift(padded(PROBE.samples, 4000), 180), (6, 1))
     matched = MatchedFilter(observed(PROBE, above + white(PROBE, 1e-3)), SearchWindow(), 24)
     echoes = GATED(matched.observation)
-    columns = features.describe([matched], echoes, names=AGREEMENT)
+    columns = describe([matched], echoes, names=AGREEMENT)
     assert columns["level"] == [0.0] and columns["agreement"] == pytest.approx(1.0, abs=1e-2)
     assert columns["peak_offset"] == [0.0] and columns["exceeded"] < 0.02
 
@@ -312,7 +312,7 @@ def test_a_dead_microphone_has_finite_columns(dead, localizer):
 
 def test_an_echo_outside_the_window_is_taken_at_its_edge():
     matched, echoes = estimated(noisy(0.9, 0.1))
-    columns = features.describe([matched], replace(echoes, toa=np.array([[1.0]])))
+    columns = describe([matched], replace(echoes, toa=np.array([[1.0]])))
     assert all(np.isfinite(column).all() for column in columns.values())
 
 

@@ -6,7 +6,7 @@ import pytest
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Echoes
-from echolearn.localization import features
+from echolearn.localization.localize import describe
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.methods.joint import Joint
 from echolearn.localization.separation import separate
@@ -85,7 +85,7 @@ def test_columns_of_each_echo_are_those_of_it_alone():
     def described(*waves):
         batch = observed(PROBE, sum((wave(PROBE, *one) for one in waves), noise))
         echoes = Joint(WINDOW, echoes=len(waves))(batch)
-        return features.describe(separate(MatchedFilter(batch, WINDOW), echoes), echoes)
+        return describe(separate(MatchedFilter(batch, WINDOW), echoes), echoes)
 
     together = described(*pair)
     assert all(len(column) == 2 for column in together.values())

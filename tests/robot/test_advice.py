@@ -9,7 +9,7 @@ from by_hand import write_small
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.sides import closed
 from echolearn.robot.advice import LAST, MANY, PLACES, causes
-from echolearn.survey.health import examine
+from echolearn.survey.examining import examine
 from echolearn.survey.reader import read_survey
 from mapped_walks import angled, lopsided
 

@@ -28,7 +28,7 @@ from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
 from echolearn.survey.audio import wav_bytes
 from echolearn.survey.description import description_bytes
-from echolearn.survey.health import examine
+from echolearn.survey.examining import examine
 from echolearn.survey.poses import poses_csv
 from echolearn.survey.reader import read_survey
 

@@ -7,7 +7,8 @@ from scipy.io import wavfile
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.localization.localize import localize
 from echolearn.localization.methods.gated import Gated
-from echolearn.survey.health import examine, mended
+from echolearn.survey.examining import examine
+from echolearn.survey.health import mended
 from echolearn.survey.reader import read_survey
 from recorded_walks import PROBE, walk, write
 

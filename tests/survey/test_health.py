@@ -12,7 +12,8 @@ from echolearn.acoustics.types import Pose
 from echolearn.checks import BadValue
 from echolearn.simulation.walk import trajectory
 from echolearn.survey import audio
-from echolearn.survey.health import examine, mended
+from echolearn.survey.examining import examine
+from echolearn.survey.health import mended
 from echolearn.survey.mending import taken_off
 from echolearn.survey.reader import read_survey
 from recorded_walks import ARRAY, PROBE, ROOM, SCENE, TIME, walk, write

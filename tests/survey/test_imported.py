@@ -18,7 +18,7 @@ from echolearn.acoustics.types import MicArray, Pose, Truth
 from echolearn.checks import BadValue
 from echolearn.storage import manifests
 from echolearn.survey import audio, imported
-from echolearn.survey.health import examine
+from echolearn.survey.examining import examine
 from echolearn.survey.measured import Measurements, Response
 from echolearn.survey.proof import verify_survey
 from echolearn.survey.protocols import Take, moved, recorded_take, takes

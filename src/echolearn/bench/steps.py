@@ -17,7 +17,8 @@ from echolearn.acoustics.types import Observation
 from echolearn.bench.measurement import Measurement, Setting, observations
 from echolearn.dataset.plans import Plan
 from echolearn.dataset.records import records
-from echolearn.localization import beamforming, features
+from echolearn.localization import beamforming
+from echolearn.localization.localize import describe
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.separation import separate
 from echolearn.runtime.progress import track
@@ -105,12 +106,12 @@ def estimating(plan: Plan, observation: Observation) -> Iterator[Step]:
     echoes = plan.localizer(observation)
 
     # A view keeps what it has computed, so each call gets a fresh one.
-    def describe() -> object:
+    def described() -> object:
         """Compute the columns of the echoes."""
         view = MatchedFilter(observation, plan.window)
-        return features.describe(separate(view, echoes), echoes)
+        return describe(separate(view, echoes), echoes)
 
-    yield "all features", describe, None
+    yield "all features", described, None
 
 
 def writing(plan: Plan, count: int, place: Path) -> Iterator[Step]:

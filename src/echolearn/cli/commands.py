@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from echolearn.cli.config import Config
     from echolearn.dataset.labelled_set import Dataset
     from echolearn.dataset.plans import Plan
+    from echolearn.training.own_robot import Order
 
 
 def _generate(config: "Config") -> Path:
@@ -225,9 +226,8 @@ def _fit(config: "Config") -> Path:
 
     from echolearn.checks import check_list
     from echolearn.cli.config import build
-    from echolearn.storage.identity import by_short_names
     from echolearn.survey.reader import read_survey
-    from echolearn.training.own_robot import Recipe, fit_robot
+    from echolearn.training.own_robot import FilterRecipe, order_for
 
     survey = _recorded(config)
     # What is wrong with it is said of it, not of the scene that is taken from it.
@@ -240,21 +240,49 @@ def _fit(config: "Config") -> Path:
         nearest, farthest = config["within"]
         window = replace(plan.window, nearest=nearest, farthest=farthest)
     classifier = config["classifier"]
-    recipe = Recipe(
+    recipe = FilterRecipe(
         plan,
-        config["choice"]["classifier"],
-        make=partial(build, classifier, "classifier"),
-        config=by_short_names(classifier),
+        partial(build, classifier, "classifier"),
         window=window,
-        **_built(config, "target seed calibration aim"),
+        **_built(config, "target calibration aim"),
     )
-    return fit_robot(
-        survey=survey,
-        recipe=recipe,
-        runs=Path(config["runs"]),
-        **_built(config, "engine name"),
-        command=_leave_out(("engine", "workers="), config["command"]),
+    runs = Path(config["runs"])
+    order = order_for(survey, recipe, runs=runs, **_built(config, "name"))
+    return _fitted(order, config)
+
+
+def _fitted(order: "Order", config: "Config") -> Path:
+    """Make the filter that was ordered step by step, and its page; what is finished is kept."""
+    from echolearn.cli.config import build
+    from echolearn.dataset.generate import generate
+    from echolearn.robot.survey_map import map_survey
+    from echolearn.storage.identity import by_short_names, digest
+    from echolearn.training.export import export
+    from echolearn.training.own_robot import finish_fit
+    from echolearn.training.split import LearningProblem
+    from echolearn.training.train import train
+
+    runs = Path(config["runs"])
+    again: Any = {"runs": runs, "command": _leave_out(("engine", "workers="), config["command"])}
+    scene = order.plan.scene
+    place = generate(order.plan, **_built(config, "engine"), **again)
+    result = train(
+        LearningProblem(_opened(place.resolve()), target=order.target, seed=config["seed"]),
+        name=config["choice"]["classifier"],
+        classifier=partial(build, config["classifier"], "classifier"),
+        config=by_short_names(config["classifier"]),
+        microphones=scene.array.positions,
+        **_built(config, "calibration aim"),
+        **again,
     )
+    # Another filter for the same survey has another bundle: robots may still carry this one.
+    name = f"{order.folder.name}-{digest([str(result['run'])])}"
+    run = runs / "train" / str(result["run"])
+    about: Any = {"run": run, "best": None, "array": scene.array, "probe": scene.probe}
+    bundle = export(**about, name=name, **again)
+    mapped = map_survey(survey=order.walk.folder, bundle=bundle, name=name, **again)
+    parts = {"set": place, "run": run, "bundle": bundle, "map": mapped}
+    return finish_fit(order, result, parts=parts, command=again["command"])
 
 
 COMMANDS: dict[str, Callable[["Config"], Path | None]] = {

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from glob import escape, glob
 from pathlib import Path
 
-from echolearn.cli.commands import COMMANDS
 from echolearn.cli.config import UsageError
 from echolearn.cli.words import TEXTS
 
@@ -37,11 +36,12 @@ SCRIPTS = {"bash": BASH, "zsh": ZSH, "fish": FISH}
 """What each shell has to evaluate once."""
 
 
-def complete(words: Sequence[str], *, options: Sequence[str]) -> str:
+def complete(words: Sequence[str], *, commands: Sequence[str], options: Sequence[str]) -> str:
     """Return what `echolearn -sc install=<shell>` or `query=<shell>` prints.
 
     Args:
         words: what follows -sc.
+        commands: names of those that have a configuration.
         options: of the command line.
 
     Raises:
@@ -52,29 +52,34 @@ def complete(words: Sequence[str], *, options: Sequence[str]) -> str:
         raise UsageError("-sc: must be followed by install=bash, install=zsh or install=fish")
     if wish == "install":
         return SCRIPTS[shell]
-    return "\n".join(candidates(os.environ.get("COMP_LINE", ""), options=options))
+    return "\n".join(endings(os.environ.get("COMP_LINE", ""), commands=commands, options=options))
 
 
-def candidates(line: str, *, options: Sequence[str]) -> list[str]:
+def endings(line: str, *, commands: Sequence[str], options: Sequence[str]) -> list[str]:
     """Return the words that may stand at the end of a line, sorted.
 
     Args:
         line: what has been typed up to the cursor.
+        commands: names of those that have a configuration.
         options: of the command line.
     """
     *before, word = line.split(" ")
     before = [each for each in before if each][1:]
     if not before:
-        known = [*COMMANDS, "verify", "--help", "--version"]
+        known = [*commands, "verify", "--help", "--version"]
     elif word.startswith("-"):
         known = list(options)
     elif before[0] == "verify":
         known = _paths(word)
-    elif before[0] in COMMANDS and word.partition("=")[0] in TEXTS:
+    elif before[0] in commands and word.partition("=")[0] in TEXTS:
         key, _, path = word.partition("=")
         known = [f"{key}={found}" for found in _paths(path)]
-    elif before[0] in COMMANDS:
+    elif before[0] in commands:
         known = _by_hydra(before[0], [each for each in before[1:] if "=" in each], word=word)
+        # Files beside the commands' are no words of ours.
+        known = [
+            each for each in known if not each.startswith(tuple(f"{name}/" for name in commands))
+        ]
     else:
         known = []
     return sorted(each for each in known if each.startswith(word))
@@ -98,9 +103,7 @@ def _by_hydra(command: str, words: Sequence[str], *, word: str) -> list[str]:
     with initialize_config_dir(version_base="1.3", config_dir=str(folders()[0])):
         loader = GlobalHydra.instance().config_loader()
         found = DefaultCompletionPlugin(loader)._query(command, " ".join([*words, word]))
-    # Hydra's own settings, and files beside the commands', are no words of ours.
-    foreign = ("hydra", *(f"{name}/" for name in COMMANDS))
-    ours = [each for each in found if not each.startswith(foreign)]
+    ours = [each for each in found if not each.startswith("hydra")]
     return [f"{each}=" if options_of(each) else each for each in ours]
 
 

@@ -5,7 +5,6 @@ conf/<command>.yaml and the files of its groups --> text; a file's comments expl
 
 from collections.abc import Mapping, Sequence
 
-from echolearn.cli.commands import COMMANDS, verify_folder
 from echolearn.cli.own import file_of, folders, options_of
 
 HELP = """usage: echolearn <command> [key=value ...] [options]
@@ -39,26 +38,26 @@ EXPLAINED = ("plan", "localizer", "classifier")
 """Groups whose chosen file is shown even where nothing was typed about them."""
 
 
-def overview() -> str:
-    """Return the text of `echolearn --help`."""
+def overview(commands: Mapping[str, str]) -> str:
+    """Return the text of `echolearn --help`, of commands and what each does."""
     import echolearn
 
-    functions = {**COMMANDS, "verify": verify_folder}
-    lines = [f"  {name:10}{function.__doc__}" for name, function in functions.items()]
+    lines = [f"  {name:10}{does}" for name, does in commands.items()]
     summary = (echolearn.__doc__ or "").split("\n")[0]
     return HELP.format(summary=summary, commands="\n".join(lines)).rstrip()
 
 
-def explain(command: str, words: Sequence[str] = ()) -> str:
+def explain(command: str, does: str, *, words: Sequence[str] = ()) -> str:
     """Return the text of `echolearn <command> --help`: what it does, its groups, its keys.
 
     Args:
         command: its name.
+        does: what it does.
         words: overrides, of which those that choose an option have its keys explained.
     """
     if command == "verify":
-        return f"usage: echolearn verify <folder> ...\n\n{verify_folder.__doc__}"
-    text = f"usage: echolearn {command} [key=value ...] [-m]\n\n{COMMANDS[command].__doc__}"
+        return f"usage: echolearn verify <folder> ...\n\n{does}"
+    text = f"usage: echolearn {command} [key=value ...] [-m]\n\n{does}"
 
     # The file begins with its groups, "- localizer@place: option", and goes on with its keys.
     head, _, keys = (folders()[0] / f"{command}.yaml").read_text().partition("\n\n")

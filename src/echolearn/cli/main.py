@@ -29,6 +29,9 @@ OPTIONS = (
 INFO = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
 """What Hydra tells of how it puts a configuration together."""
 
+VERIFY = "verify"
+"""The command that takes folders instead of a configuration."""
+
 ALONE = ("generate", "check", "map")
 """Commands that compute with one thread."""
 
@@ -74,11 +77,11 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
     if command in ("--help", "-h"):
         from echolearn.cli.help import overview
 
-        print(overview())
+        print(overview({name: _does(name) for name in (*COMMANDS, VERIFY)}))
     elif command == "-sc":
         from echolearn.cli.completion import complete
 
-        print(complete(rest, options=OPTIONS))
+        print(complete(rest, commands=[*COMMANDS], options=OPTIONS))
     elif command == "--version":
         from echolearn import __version__
 
@@ -92,7 +95,7 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
     elif "--help" in rest or "-h" in rest:
         from echolearn.cli.help import explain
 
-        print(explain(command, rest))
+        print(explain(command, _does(command), words=rest))
     elif command == "verify":
         verify_folders(rest, trace=trace)
     else:
@@ -103,6 +106,12 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
         # `check` and `map` would wait for one another: their matrices are small.
         with single_threads() if command in ALONE else nullcontext():
             run(command, rest, trace=trace)
+
+
+def _does(command: str) -> str:
+    """Return the line on what a command does."""
+    function = verify_folder if command == VERIFY else COMMANDS[command]
+    return function.__doc__ or ""
 
 
 def _own_folder(words: Sequence[str]) -> str | None:

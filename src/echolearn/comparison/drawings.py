@@ -5,10 +5,23 @@ from collections.abc import Sequence
 from echolearn.comparison import figures
 from echolearn.comparison.choice import Comparison, chosen, drawn, headline
 from echolearn.comparison.pivot import pivot
-from echolearn.comparison.reliability_figure import reliability
+from echolearn.comparison.reliability_figure import Answers, reliability
 from echolearn.comparison.tables import away, levels, main_localizer, placed, unfiltered
-from echolearn.evaluation.rows import Row, pick
-from echolearn.training.predictions import label_rows, predict_echoes, predict_rows
+from echolearn.evaluation.calibration_rows import PAPER
+from echolearn.evaluation.reliability import BANDS_DB
+from echolearn.evaluation.rows import UNFIT, Model, Row, in_band, pick
+from echolearn.training.predictions import (
+    label_rows,
+    predict_echoes,
+    predict_measured,
+    predict_rows,
+)
+
+MOST = 3
+"""Models that are drawn: more hide each other."""
+
+FEWEST = 20
+"""Rows of a panel, at least: two in each bin."""
 
 Panels = dict[str, dict[str, list[Row]]]
 """Rows of a line over SNR, by title of the panel and label of the line."""
@@ -16,7 +29,7 @@ Panels = dict[str, dict[str, list[Row]]]
 
 def draw_all(comparison: Comparison) -> dict[str, str]:
     """Return every figure as SVG, by name."""
-    sets = draw_sets(comparison) | reliability(comparison)
+    sets = draw_sets(comparison) | draw_reliability(comparison)
     return sets | (draw_surveys(comparison) if comparison.surveys else {})
 
 
@@ -93,4 +106,48 @@ def by_panel(rows: Sequence[Row], *, line: str) -> Panels:
     found: Panels = {}
     for (place, label), cells in pivot(rows, lines=("place", line), cells="snr_db").items():
         found.setdefault(place, {})[label] = list(cells.values())
+    return found
+
+
+def draw_reliability(comparison: Comparison) -> dict[str, str]:
+    """Return the figure as SVG, by its name; nothing if no model was made for these robots."""
+    panels = banded(comparison) | recorded(comparison)
+    panels = {title: answers for title, answers in panels.items() if answers}
+    return {"reliability": reliability(panels)} if panels else {}
+
+
+def fitting(comparison: Comparison, tested_on: str) -> list[Model]:
+    """Return the drawn models that say something about a set or a group of surveys."""
+    rows = pick(comparison.rows, tested_on=tested_on, seed="", snr_db="")
+    fit = [row for row in rows if row["metric"] not in UNFIT]
+    return [model for model in drawn(comparison) if pick(fit, **model._asdict())][:MOST]
+
+
+def banded(comparison: Comparison) -> dict[str, Answers]:
+    """Return what models say in each band of the set whose curves are drawn, by title."""
+    name = away(comparison)
+    dataset = comparison.sets[name]
+    found: dict[str, Answers] = {}
+    for model in fitting(comparison, name):
+        given = predict_rows(comparison.models[model][0], dataset)
+        truth = dataset[model.target or PAPER].astype(bool)[given.rows]
+        for low, high in BANDS_DB:
+            inside = in_band(dataset.ratio_db, low=low, high=high)[given.rows]
+            if inside.sum() >= FEWEST:
+                answers = found.setdefault(f"{low} to {high} dB", {})
+                answers[model.classifier] = truth[inside], given.confidence[inside]
+    return found
+
+
+def recorded(comparison: Comparison) -> dict[str, Answers]:
+    """Return what models say of recorded surveys, by the name of their group."""
+    found = {}
+    for (group, localizer), measured in comparison.measured.items():
+        if localizer != main_localizer(comparison):
+            continue
+        answers = {}
+        for model in fitting(comparison, group):
+            given = predict_measured(comparison.models[model][0], measured)
+            answers[model.classifier] = measured.labelled.reference, given.confidence
+        found[f"measured: {group}"] = answers
     return found

@@ -10,7 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.survey.health import Health, as_found, examine, mended
+from echolearn.survey.examining import examine
+from echolearn.survey.health import Health, as_found, mended
 from echolearn.survey.reader import read_survey
 from echolearn.survey.survey import Survey
 

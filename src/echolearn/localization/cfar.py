@@ -16,8 +16,7 @@ import numpy as np
 from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.types import Array
 from echolearn.localization.correlations import ratio
-from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
-from echolearn.localization.segments import SEGMENT, align
+from echolearn.localization.matched_filter import PEAK_SPACING, SEGMENT, MatchedFilter, align
 
 REACH = 32
 """Lags on either side of the echo where the ring ends, 25 cm of distance."""

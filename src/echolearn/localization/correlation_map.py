@@ -19,8 +19,7 @@ import numpy as np
 from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.types import Array
 from echolearn.localization.columns import MAP_LAGS, MAP_SECTORS
-from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
-from echolearn.localization.segments import align
+from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter, align
 
 FINE = 5
 """Directions in a sector, of which the largest J counts: 2 degrees apart, no more

@@ -7,26 +7,18 @@ steps and of what is its own.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from echolearn.acoustics.bistatic import upright_elevation
 from echolearn.acoustics.geometry import direction
-from echolearn.acoustics.types import Array, Echoes, Observation
+from echolearn.acoustics.types import Array, Echoes
 from echolearn.localization import correlations
 from echolearn.localization.beamforming import Mpdr, azimuth_grid
-from echolearn.localization.columns import SEVERAL
-from echolearn.localization.features import neighbour_columns
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import relax
 from echolearn.localization.search import Peak, Search, reference_search
-
-LOWEST_SINE = 0.5
-"""Sine of the elevation above which an echo counts as a wall's: 30 degrees off the axis."""
-
-SOUGHT = 5
-"""Echoes that are sought where the strongest comes from floor or ceiling."""
+from echolearn.localization.wall_echoes import on_no_axis
 
 
 def joint_echoes(search: Search, peaks: Sequence[Peak]) -> Echoes:
@@ -51,49 +43,6 @@ def joint_echoes(search: Search, peaks: Sequence[Peak]) -> Echoes:
     # An elevation that was sought is left as it was found.
     level = on_no_axis(found) & (search.elevations == 1)
     return from_upright_walls(matched, found, level=level)
-
-
-def wall_echoes(
-    localizer: Any, observation: Observation, *, view: MatchedFilter | None
-) -> tuple[Echoes, dict[str, Array]]:
-    """Return the strongest echo of each recording that comes from a wall, and what it is beside.
-
-    Under a low ceiling the strongest of all comes from there or from the floor. Where it does,
-    `SOUGHT` are sought, each in what the others leave; if all of them do, the strongest stays.
-
-    Args:
-        localizer: a dataclass with `echoes`, which tells floor and ceiling.
-        observation: recordings (B, M, N).
-        view: their matched-filter view, if somebody has made one.
-
-    Returns:
-        Echoes, fields (B, 1), and by name the columns (B,) that tell one of several echoes from the
-        others. Where no others were sought none is stronger, and the nearest is as far away as the
-        window is wide, of gain 0.
-    """
-    if view is None:
-        view = MatchedFilter(observation, localizer.window, localizer.azimuths)
-    found = replace(localizer, echoes=1)(observation, view)
-    beside = {name: np.zeros(len(found.toa)) for name in SEVERAL}
-    beside["neighbour_lag"] += view.last - view.first
-    rows = np.flatnonzero(~on_no_axis(found)[:, 0])
-    if not len(rows):
-        return found, beside
-    low = replace(observation, samples=observation.samples[rows])
-    several = replace(localizer, echoes=SOUGHT)(low)
-    first = on_no_axis(several).argmax(axis=-1)
-    fields = {name: values.copy() for name, values in vars(found).items()}
-    for name, values in fields.items():
-        values[rows] = np.take_along_axis(getattr(several, name), first[:, None], axis=-1)
-    ranks = [neighbour_columns(view, several, rank=rank) for rank in range(SOUGHT)]
-    for name, values in beside.items():
-        values[rows] = np.stack([each[name] for each in ranks])[first, np.arange(len(rows))]
-    return Echoes(**fields), beside
-
-
-def on_no_axis(echoes: Echoes) -> Array:
-    """Tell which echoes come from walls rather than floor or ceiling, shape (B, R), bool."""
-    return np.asarray(np.sin(echoes.elevation) > LOWEST_SINE)
 
 
 def from_upright_walls(matched: MatchedFilter, echoes: Echoes, *, level: Array) -> Echoes:

@@ -3,7 +3,7 @@
 Each group of columns is a function of the matched filters and the place of an echo in them.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 
 import numpy as np
 
@@ -11,58 +11,9 @@ from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.signals import decibel
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.localization import beamforming
-from echolearn.localization.agreement import agreement_columns
-from echolearn.localization.candidates import candidates
-from echolearn.localization.cfar import cfar
-from echolearn.localization.columns import AGREEMENT, CFAR, COLUMNS, EVERY_TENSOR, TENSORS
 from echolearn.localization.correlations import ratio
-from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
-from echolearn.localization.segments import SEGMENT, align
-from echolearn.localization.tensors import band_average, echo_tensors
-
-
-def describe(
-    views: Sequence[MatchedFilter],
-    echoes: Echoes,
-    *,
-    names: Collection[str] = (*COLUMNS, *TENSORS),
-) -> dict[str, Array]:
-    """Return columns (B * R,) and tensors (B * R, ...): a row for each echo.
-
-    Rows go observation by observation. What speaks of the whole recording is the same for all
-    echoes.
-
-    Args:
-        views: matched-filter view of B observations for each echo, as the others leave it.
-        echoes: their echoes, fields (B, R).
-        names: what is wanted; what is costly and only good for others is not computed, though some
-            may come along.
-    """
-    beams, tensor = recording_columns(views[0], names)
-    each = []
-    for r, view in enumerate(views):
-        one = Echoes(*(values[:, r] for values in vars(echoes).values()))
-        # Their order is that of the columns in the files of sets.
-        columns = echo_columns(view, one) | beams
-        index = view.index(one.toa)
-        toward = direction(one.azimuth, one.elevation)
-        columns |= steered_columns(view, index, toward=toward) | tensor
-        if not {*AGREEMENT}.isdisjoint(names):
-            columns |= agreement_columns(view, index, toward=toward)
-        if CFAR in names:
-            columns[CFAR] = cfar(view, index, toward=toward)
-        if not {*EVERY_TENSOR}.isdisjoint(names):
-            columns |= echo_tensors(view, index, toward=toward, names=names)
-        if len(views) > 1:
-            columns |= neighbour_columns(view, echoes, rank=r)
-        each.append(columns)
-    found = {
-        name: np.stack([columns[name] for columns in each], axis=1).reshape(-1, *first.shape[1:])
-        for name, first in each[0].items()
-    }
-    if "candidates" in names:
-        found["candidates"] = candidates(found, echoes=len(views))
-    return found
+from echolearn.localization.matched_filter import PEAK_SPACING, SEGMENT, MatchedFilter, align
+from echolearn.localization.tensors import band_average
 
 
 def recording_columns(
@@ -146,25 +97,4 @@ def steered_columns(matched: MatchedFilter, index: Array, *, toward: Array) -> d
         "joint_score": ratio(here, energy),
         "joint_lag": np.abs(best % steered.shape[-1] - index).astype(float),
         "gated_ratio": decibel(ratio(gated[rows, nearest].astype(float), gated.mean(axis=-1))),
-    }
-
-
-def neighbour_columns(matched: MatchedFilter, echoes: Echoes, *, rank: int) -> dict[str, Array]:
-    """Return the columns that tell one of several echoes from the others, fields (B,).
-
-    Args:
-        matched: their recordings.
-        echoes: fields (B, R).
-        rank: which of the R, from 0, the strongest.
-    """
-    others = np.delete(np.arange(echoes.toa.shape[1]), rank)
-    apart = np.abs(echoes.toa[:, others] - echoes.toa[:, rank, None])
-    nearest = apart.argmin(axis=-1)[:, None]
-    own = echoes.gain[:, rank]
-    return {
-        "rank": np.full(len(own), float(rank)),
-        "neighbour_lag": apart.min(axis=-1) * matched.observation.probe.sample_rate,
-        "neighbour_gain": ratio(
-            np.take_along_axis(echoes.gain[:, others], nearest, axis=-1)[:, 0], own
-        ),
     }

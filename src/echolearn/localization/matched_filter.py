@@ -18,7 +18,7 @@ from echolearn.acoustics.geometry import SearchWindow, relative_delays
 from echolearn.acoustics.types import Array, Observation
 from echolearn.checks import check, check_whole
 from echolearn.localization.beamforming import direction_grid
-from echolearn.localization.correlations import PAD, steered_response
+from echolearn.localization.correlations import PAD, advance, steered_response
 from echolearn.localization.faults import check_recordings
 from echolearn.localization.silence import silent_microphones
 
@@ -27,6 +27,9 @@ PEAK_SPACING = 5
 
 GATE = 2
 """Lags on either side of a time of arrival from which the echo-gated direction is taken."""
+
+SEGMENT = 64
+"""Lags of the matched filters around an echo from which its tensors are taken."""
 
 
 @dataclass(frozen=True)
@@ -185,3 +188,21 @@ def check_echoes(matched: MatchedFilter, echoes: int) -> None:
     most = lags // PEAK_SPACING
     hint = f"at most {most} fit into a window of {lags} samples; widen the window"
     check_whole("localizer.echoes", echoes, low=1, high=most, hint=hint)
+
+
+def align(matched: MatchedFilter, index: Array, *, toward: Array) -> Array:
+    """Return r_m(toa + eta_m + k) for `SEGMENT` lags k around 0, shape (B, M, SEGMENT).
+
+    Args:
+        matched: matched-filter view of B observations.
+        index: lag indices of the echoes, shape (B,).
+        toward: unit vectors for which microphones are delayed by eta_m, shape (B, 3).
+    """
+    advanced = advance(matched.padded, matched.eta(toward)[:, None])
+    return cut(advanced[:, 0], index)
+
+
+def cut(padded: Array, index: Array) -> Array:
+    """Return `SEGMENT` lags centred on lag indices (B,) of `padded` (B, M, L + 2 PAD)."""
+    lags = index[:, None] + PAD - SEGMENT // 2 + np.arange(SEGMENT)
+    return np.take_along_axis(padded, lags[:, None, :], axis=-1)

@@ -22,16 +22,14 @@ from scipy import fft
 from echolearn.acoustics.types import Array
 from echolearn.localization import beamforming
 from echolearn.localization.columns import COVARIANCE_BANDS
-from echolearn.localization.correlation_map import correlation_map
 from echolearn.localization.correlations import PAD, echo_model
-from echolearn.localization.matched_filter import MatchedFilter
-from echolearn.localization.segments import SEGMENT, align, cut
+from echolearn.localization.matched_filter import SEGMENT, MatchedFilter, align, cut
 
 
-def echo_tensors(
+def echo_covariances(
     matched: MatchedFilter, index: Array, *, toward: Array, names: Collection[str]
 ) -> dict[str, Array]:
-    """Return the tensors of an echo of each observation that `names` want, some besides.
+    """Return the covariances about an echo of each observation that `names` want, some besides.
 
     Args:
         matched: matched-filter view of B observations.
@@ -39,11 +37,8 @@ def echo_tensors(
         toward: unit vectors of their directions, shape (B, 3).
         names: what is wanted.
     """
-    found: dict[str, Array] = {}
-    if "correlation_map" in names:
-        found["correlation_map"] = correlation_map(matched, index, toward=toward)
     if not any(name.startswith("covariance_") for name in names):
-        return found
+        return {}
     segments = {
         "covariance_gated": cut(matched.padded, index),
         "covariance_steered": align(matched, index, toward=toward),
@@ -51,7 +46,7 @@ def echo_tensors(
     if "covariance_steered_ideal" in names:
         heard = [segments["covariance_steered"], ideal_echo(matched)]
         segments["covariance_steered_ideal"] = np.concatenate(heard, axis=1)
-    return {name: segment_covariance(segment) for name, segment in segments.items()} | found
+    return {name: segment_covariance(segment) for name, segment in segments.items()}
 
 
 def segment_covariance(segment: Array) -> Array:

@@ -21,7 +21,7 @@ from echolearn.robot.waterfall import waterfall
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.once import locked
-from echolearn.survey.health import examine
+from echolearn.survey.examining import examine
 from echolearn.survey.proof import read_proved
 from echolearn.survey.survey import Survey
 

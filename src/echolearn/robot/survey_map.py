@@ -35,7 +35,8 @@ from echolearn.storage import manifests
 from echolearn.storage.files import sha256
 from echolearn.storage.once import once
 from echolearn.survey.audio import LARGEST, check_size
-from echolearn.survey.health import examine, mended
+from echolearn.survey.examining import examine
+from echolearn.survey.health import mended
 from echolearn.survey.proof import used
 from echolearn.survey.survey import Survey, blocks
 

@@ -1,7 +1,7 @@
 """A filter for one robot, made from its own recordings, and the map that it leaves.
 
     survey --examine--> Health --reach--> plan for this robot --generate, train, export--> bundle
-    bundle, survey --map--> map;    all of it --> runs/fit/<name>/fit.html
+    bundle, survey --map--> map;    all of it --finish_fit--> runs/fit/<name>/fit.html
 
 What is known of the robot comes from its survey: microphones, loudspeaker, burst, sample rate, how
 far it hears and how long the place rings. Random rooms in the plan's ranges, as rough as measured
@@ -21,23 +21,17 @@ from echolearn.checks import BadValue, check, check_choice, check_name
 from echolearn.classifiers.calibration import METHODS
 from echolearn.classifiers.classifier import Classifier
 from echolearn.classifiers.operating_point import read_aim
-from echolearn.dataset.generate import generate
-from echolearn.dataset.labelled_set import Dataset
 from echolearn.dataset.plans import ScatteredPlan
-from echolearn.robot.survey_map import map_survey
-from echolearn.runtime.engine import Engine
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
-from echolearn.storage.identity import digest, plain
+from echolearn.storage.identity import plain
 from echolearn.storage.once import locked
-from echolearn.survey.health import examine, mended
+from echolearn.survey.examining import examine
+from echolearn.survey.health import Health, mended
 from echolearn.survey.proof import read_proved
 from echolearn.survey.reach import Reach, reach_of
 from echolearn.survey.survey import Survey
-from echolearn.training.export import export
 from echolearn.training.fit_page import PAGE, Fit, page_of
-from echolearn.training.split import LearningProblem
-from echolearn.training.train import train
 
 RANGE_OF_T60 = (0.6, 1.5)
 """Factors of the reverberation time that was heard, between which rooms are drawn."""
@@ -50,27 +44,21 @@ LONGEST_T60 = 2.0
 
 
 @dataclass(frozen=True)
-class Recipe:
+class FilterRecipe:
     """How a filter is made for a robot.
 
     Attributes:
         plan: rooms, levels and realism of the labelled set; robot, window and reverberation time
             are those of the survey.
-        classifier: name of what is trained.
-        make: returns it, unfitted.
-        config: what it is made from, as plain containers.
+        make: returns the classifier, unfitted.
         target: label to learn; None takes `on_map`, or `time_and_direction` where there is no map.
-        seed: of division and classifier.
         calibration, aim: as those of `train`.
         window: where echoes are sought; None takes the plan's.
     """
 
     plan: ScatteredPlan
-    classifier: str
     make: Callable[[], Classifier]
-    config: Mapping[str, Any]
     target: str | None = None
-    seed: int = 0
     calibration: str = "platt"
     aim: str = "precision 0.9"
     window: SearchWindow | None = None
@@ -84,33 +72,44 @@ class Recipe:
         self.make()
 
 
-def fit_robot(
-    *,
-    survey: Path,
-    recipe: Recipe,
-    engine: Engine,
-    runs: Path,
-    name: str | None = None,
-    command: str | None = None,
-) -> Path:
-    """Make a filter for the robot of a survey, map the survey with it, and return the page.
+@dataclass(frozen=True)
+class Order:
+    """A filter that is to be made for a robot.
+
+    Attributes:
+        folder: where the page goes, `runs/fit/<name>`.
+        walk: the robot's recordings.
+        health: what they say about themselves.
+        plan: of the labelled set of this robot.
+        target: label to learn.
+        told: what was concluded, a line each.
+    """
+
+    folder: Path
+    walk: Survey
+    health: Health
+    plan: ScatteredPlan
+    target: str
+    told: list[str]
+
+
+def order_for(survey: Path, recipe: FilterRecipe, *, runs: Path, name: str | None = None) -> Order:
+    """Return what a filter for the robot of a survey calls for, and print what was concluded.
 
     Args:
         survey: folder in the recorded-survey format.
-        recipe: how.
-        engine: what simulates.
+        recipe: how filters are made.
         runs: folder of everything generated.
         name: name of the page's folder under `runs/fit`, and beginning of all others; that of the
             survey unless given.
-        command: what makes it again; None says nothing about it.
 
     Raises:
-        BadValue: a survey that cannot be trusted, or any step that fails.
+        BadValue: a survey that cannot be trusted, or a robot that no set can be made for.
     """
     name = name or Path(survey).resolve().name
     check_name("name", name)
     folder = Path(runs) / "fit" / name
-    check_free(folder)
+    _check_free(folder)
     walk, _ = read_proved(Path(survey))
     walk = replace(walk, window=recipe.window or recipe.plan.window)
     health = examine(walk)
@@ -120,42 +119,32 @@ def fit_robot(
     told = conclusions(sound, reach, plan)
     for line in (*health.mended, *health.noticed, *told):
         print(line, flush=True)
-
-    place = generate(plan, runs=runs, engine=engine, command=command)
     target = recipe.target or ("on_map" if walk.mapped else "time_and_direction")
-    result = train(
-        LearningProblem(Dataset(place), target=target, seed=recipe.seed),
-        name=recipe.classifier,
-        classifier=recipe.make,
-        config=recipe.config,
-        runs=runs,
-        calibration=recipe.calibration,
-        aim=recipe.aim,
-        microphones=plan.scene.array.positions,
-        command=command,
-    )
-    # Another filter for the same survey has another bundle: robots may still carry this one.
-    made = f"{name}-{digest([str(result['run'])])}"
-    run = Path(runs) / "train" / str(result["run"])
-    bundle = export(
-        run=run,
-        best=None,
-        array=plan.scene.array,
-        probe=plan.scene.probe,
-        runs=runs,
-        name=made,
-        command=command,
-    )
-    mapped = map_survey(survey=Path(survey), bundle=bundle, runs=runs, name=made, command=command)
+    return Order(folder, walk, health, plan, target, told)
 
-    parts = {"set": place, "run": run, "bundle": bundle, "map": mapped}
-    fit = Fit(name, walk, health=health, told=told, result=result, parts=parts)
+
+def finish_fit(
+    order: Order,
+    result: Mapping[str, Any],
+    *,
+    parts: Mapping[str, Path],
+    command: str | None = None,
+) -> Path:
+    """Write the page of a filter and its map, and return it.
+
+    Args:
+        order: what was made.
+        result: metrics of the trained run.
+        parts: folders of the steps: set, run, bundle, map.
+        command: what makes it again; None says nothing about it.
+    """
+    fit = Fit(order.folder.name, order.walk, order.health, order.told, result, parts)
     about = {"kind": "fit", "parts": {key: path.name for key, path in parts.items()}}
-    _write(folder, page_of(fit), about=about | manifests.command_entry(command))
-    return folder / PAGE
+    _write(order.folder, page_of(fit), about=about | manifests.command_entry(command))
+    return order.folder / PAGE
 
 
-def plan_for(walk: Survey, reach: Reach, *, recipe: Recipe, name: str) -> ScatteredPlan:
+def plan_for(walk: Survey, reach: Reach, *, recipe: FilterRecipe, name: str) -> ScatteredPlan:
     """Return the plan of a set that teaches what a robot hears.
 
     Args:
@@ -211,7 +200,7 @@ def conclusions(walk: Survey, reach: Reach, plan: ScatteredPlan) -> list[str]:
     ]
 
 
-def check_free(folder: Path) -> None:
+def _check_free(folder: Path) -> None:
     """Raise `BadValue` if something else than a fit is in a folder."""
     names = {path.name for path in folder.glob("[!.]*")} if folder.is_dir() else set()
     foreign = (names and PAGE not in names) or (folder.exists() and not folder.is_dir())

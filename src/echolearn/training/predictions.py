@@ -46,9 +46,7 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
 
     folder = Path(folder)
     if (folder / manifests.BUNDLE).is_file():
-        from echolearn.robot.scorer import load
-
-        return load(folder)
+        return _bundled(folder)
     manifest = manifests.verify(folder)
     inputs, digest = manifest["inputs"], manifest["sha256"]
     model = manifests.listed_bytes(folder, manifest, ["model.onnx"]).get("model.onnx", b"")
@@ -57,6 +55,16 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
     else:
         compute = _limited(folder, digest, model=model, rank=2 + is_tensor(inputs))
     return lambda x: compute(as_input(x, inputs))
+
+
+def _bundled(folder: Path) -> Callable[[Array], Array]:
+    """Return the confidence function of a bundle, examined if it was made elsewhere."""
+    from echolearn.robot.examination import examined
+    from echolearn.robot.model import replay
+
+    examined(folder)
+    bundle, compute = replay(folder)
+    return by_blocks(lambda x: compute(as_input(x, bundle.inputs)))
 
 
 def _limited(folder: Path, digest: str, *, model: bytes, rank: int) -> Callable[[Array], Array]:
@@ -73,9 +81,14 @@ def _limited(folder: Path, digest: str, *, model: bytes, rank: int) -> Callable[
 
     examine_run(folder, digest)
     compute = opened(model, name=f"{folder}/model.onnx", rank=rank)
+    return by_blocks(compute)
+
+
+def by_blocks(compute: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    """Return what computes inputs (B, ...) block by block, since models have limited memory."""
 
     def confidence(x: Array) -> Array:
-        """Return the confidences (B,) of inputs (B, ...), block by block as memory is limited."""
+        """Return the confidences (B,) of inputs (B, ...)."""
         x = np.ascontiguousarray(x, dtype=np.float32)
         blocks = [compute(x[start : start + BLOCK]) for start in range(0, len(x), BLOCK)]
         return np.concatenate([np.empty(0), *blocks])

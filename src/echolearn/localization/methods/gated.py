@@ -27,12 +27,11 @@ from echolearn.localization.beamforming import invert, regularize
 from echolearn.localization.correlations import PAD, interpolate
 from echolearn.localization.estimates import (
     from_upright_walls,
-    on_no_axis,
     reference_echoes,
-    wall_echoes,
 )
 from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import GATE, MatchedFilter, check_extent
+from echolearn.localization.wall_echoes import on_no_axis, wall_echoes
 from echolearn.storage.identity import LATER
 
 TABLE = 16

@@ -16,13 +16,14 @@ import numpy as np
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.localization.correlations import PAD
-from echolearn.localization.estimates import joint_echoes, wall_echoes
+from echolearn.localization.estimates import joint_echoes
 from echolearn.localization.localizer import check_arguments, check_directions, prepare, returned
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.relax import relax
 from echolearn.localization.search import Search, joint_search
 from echolearn.localization.silence import alike
 from echolearn.localization.spatial import spatial
+from echolearn.localization.wall_echoes import wall_echoes
 from echolearn.localization.whitening import shared_noise
 from echolearn.storage.identity import LATER
 
