@@ -136,7 +136,7 @@ def test_what_is_fast_is_far_ahead_of_its_peer(rows, stage, variant):
 def test_realistic_sound_is_timed_beside_clean_sound(rows):
     clean, real = pick(rows, stage="rir", parameter="realism", measure="cpu")
     assert (clean["variant"], real["variant"]) == ("received, clean", "received, realistic")
-    assert real["reference"] == clean["variant"] and 1 < float(real["ratio"]) < 10
+    assert real["reference"] == clean["variant"] and 1 < float(real["ratio"]) < 30
 
 
 def test_rooms_of_other_outlines_are_timed_beside_a_box_as_large(rows):

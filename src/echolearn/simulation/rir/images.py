@@ -72,7 +72,7 @@ class Images:
         reflection = room.reflection(speed_of_sound)
         axes = lattice(room, source, microphones, scale=scale, reflection=reflection, reach=reach)
         response = image_loops.responses(axes, length, reach=reach)
-        return response.astype(np.float64) * (scale / (4 * np.pi))
+        return np.multiply(response, scale / (4 * np.pi), dtype=np.float64)
 
 
 def lattice(
