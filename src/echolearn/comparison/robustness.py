@@ -93,7 +93,8 @@ class _Heard(NamedTuple):
     def of(cls, dataset: Dataset, given: Sequence[Predictions], *, target: str) -> "_Heard":
         """Return what predictions say of a set with this label."""
         truth = dataset[target].astype(bool)
-        ceiling = float(metrics.auc(truth, locked(dataset)))
+        # True by chance, without an echo at that time, cannot be told from false.
+        ceiling = float(metrics.auc(truth, locked(dataset) * truth))
         return cls(truth, [each.confidence for each in given], ceiling)
 
     def auc(self, weights: Array | None) -> Array:
