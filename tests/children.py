@@ -1,4 +1,4 @@
-"""Work in a process beside the test: begun, or killed in the middle."""
+"""Work in a process beside the test: begun, killed in the middle, or gone."""
 
 import signal
 import sys
@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 
 
 def begin(work: Callable[[], object]) -> BaseProcess:
@@ -29,3 +30,11 @@ def kill_when(ready: Callable[[], object], work: Callable[[], object]) -> None:
     child.kill()
     child.join()
     assert child.exitcode == -signal.SIGKILL
+
+
+def is_alive(pid: int) -> bool:
+    """Tell whether a process runs, whoever has begun it."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from distributed import Client, get_worker
 
+from children import is_alive
 from echolearn.checks import BadValue
 from echolearn.cli.compose import compose
 from echolearn.cli.config import build, folder
@@ -337,13 +338,6 @@ def children(pid):
         for child in map(int, path.read_text().split()):
             found += [child, *children(child)]
     return found
-
-
-def is_alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def stopped(words, where, *, shards, number):

@@ -7,12 +7,12 @@ import subprocess
 import sys
 import time
 from contextlib import nullcontext
-from pathlib import Path
 from weakref import ref
 
 import numpy as np
 import pytest
 
+from children import is_alive
 from echolearn.runtime.processes import processes, single_threads
 
 PARENT = """
@@ -22,13 +22,6 @@ with processes(1) as pool:
     print(pool.submit(os.getpid).result(), flush=True)
     time.sleep(3600)
 """
-
-
-def is_alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def test_workers_end_when_their_parent_is_killed():
