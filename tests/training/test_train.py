@@ -367,7 +367,8 @@ class TestTrust:
         assert manifests.verify(folder) == expected and list(folder.parent.iterdir()) == [folder]
         assert len(list(folder.glob("events.*"))) == len(list(calm.glob("events.*")))
         waited = f"{folder.name}: waiting for another command that trains this run"
-        assert capfd.readouterr().err.splitlines().count(waited) == 1
+        # None if the machine had no time for this one until the first was ready.
+        assert capfd.readouterr().err.splitlines().count(waited) <= 1
 
 
 class TestStreaming:
