@@ -172,7 +172,7 @@ def measured(count: int) -> Case:
         response = take.response
         rng = np.random.default_rng(0)
         late = protocols.recorded_take(take, source, probe=PROBE, snr_db=None, rng=rng)
-        samples = protocols.resampled(source, response.samples, rate=RATE)
+        samples = protocols.at_rate(source, response.samples, rate=RATE)
         gate = (response.emitted + (response.distance + protocols.GATE) / 343.0) * RATE
         early_part = np.where(np.arange(samples.shape[-1]) < gate, samples, 0.0)
         away = np.linalg.norm(response.loudspeaker - source.array.positions, axis=1)

@@ -12,7 +12,7 @@ from runpy import run_path
 
 import pytest
 
-from echolearn.cli import config
+from echolearn.cli import own
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
@@ -58,8 +58,8 @@ def checked(place, *tests):
 
 def test_shown_configurations_compose_build_and_have_all_keys(extended, monkeypatch):
     """As those do that are there already, among which they are found."""
-    found_by = extended / "src" / "echolearn" / "cli" / "config.py"
-    monkeypatch.setitem(config.folder.__globals__, "__file__", str(found_by))
+    found_by = extended / "src" / "echolearn" / "cli" / "own.py"
+    monkeypatch.setitem(own.folder.__globals__, "__file__", str(found_by))
     for name in FILES:
         room = Path(name).parent
         if room.parts[0] == "src":

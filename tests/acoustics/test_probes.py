@@ -11,7 +11,8 @@ from echolearn.acoustics.signals import convolve, matched_filter
 from echolearn.acoustics.types import Probe
 from echolearn.checks import BadValue
 from echolearn.cli.compose import compose
-from echolearn.cli.config import build, folder
+from echolearn.cli.config import build
+from echolearn.cli.own import folder
 from echolearn.simulation.probe_file import probe_file
 from echolearn.survey.audio import wav_bytes
 

@@ -15,8 +15,9 @@ import echolearn
 from echolearn.checks import BadValue
 from echolearn.cli.commands import COMMANDS, _plan_of, _without
 from echolearn.cli.compose import compose
-from echolearn.cli.config import build, folder
+from echolearn.cli.config import build
 from echolearn.cli.main import main
+from echolearn.cli.own import folder
 from echolearn.dataset.generate import folder_of
 from echolearn.storage import known, manifests
 

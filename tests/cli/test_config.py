@@ -11,7 +11,8 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue, suggest
 from echolearn.cli.compose import compose, dotted
-from echolearn.cli.config import UsageError, build, folder
+from echolearn.cli.config import UsageError, build
+from echolearn.cli.own import folder
 from echolearn.cli.targets import KINDS
 from echolearn.cli.words import plain_config
 from echolearn.storage import identity

@@ -11,7 +11,8 @@ import pytest
 import yaml
 
 from echolearn.cli.compose import compose
-from echolearn.cli.config import build, folder
+from echolearn.cli.config import build
+from echolearn.cli.own import folder
 from echolearn.cli.targets import TARGET, imported
 from echolearn.dataset.plans import ScatteredPlan
 from echolearn.localization.columns import COLUMNS

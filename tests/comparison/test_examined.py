@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from echolearn.comparison import examined_figures, importance, shifts, warnings, worst
-from echolearn.comparison.examined import examine, examined_files, learning_curves
+from echolearn.comparison.compare import examined_files, look_closer
+from echolearn.comparison.examined import learning_curves
 from echolearn.comparison.ranking import Ranking, rank_models
 from echolearn.dataset.records import records
 from echolearn.evaluation import metrics
@@ -122,10 +123,10 @@ def test_each_code_is_documented_and_told(capsys):
 
 def test_a_shift_by_hand():
     trained_on = np.arange(1000.0)
-    assert shifts.compared(trained_on, trained_on) == pytest.approx(
+    assert shifts.compare_columns(trained_on, trained_on) == pytest.approx(
         {"distance": 0, "outside": 0.01}
     )
-    moved = shifts.compared(trained_on, trained_on + 250)
+    moved = shifts.compare_columns(trained_on, trained_on + 250)
     assert moved == pytest.approx({"distance": 0.25, "outside": 0.255}, abs=0.002)
 
 
@@ -133,14 +134,14 @@ def test_whole_positions_are_exchanged():
     groups = np.repeat([5, 3, 9, 7], [3, 2, 1, 3])
     seen = set()
     for seed in range(60):
-        given = groups[importance.exchanged(groups, np.random.default_rng(seed))]
+        given = groups[importance.permuted(groups, np.random.default_rng(seed))]
         pairs = {(int(one), int(other)) for one, other in zip(groups, given, strict=True)}
         # Each position is given one other, each is given away, in the order of its rows.
         assert len(pairs) == len({other for _, other in pairs}) == 4
         seen |= pairs
     assert len(seen) == 16
     equal = np.repeat(np.arange(6), 2)
-    rows = importance.exchanged(equal, np.random.default_rng(1))
+    rows = importance.permuted(equal, np.random.default_rng(1))
     assert sorted(rows) == list(range(12)) and (rows[1::2] == rows[::2] + 1).all()
 
 
@@ -159,7 +160,7 @@ def test_importance_is_the_mean_loss_of_exchanged_columns(comparison):
         losses = []
         for _ in range(importance.REPEATS):
             columns = [dataset[each][given.rows] for each in run.inputs]
-            columns[place] = columns[place][importance.exchanged(dataset["group"][given.rows], rng)]
+            columns[place] = columns[place][importance.permuted(dataset["group"][given.rows], rng)]
             lost = metrics.auc(reference, score(np.stack(columns, axis=1)))
             losses.append(metrics.auc(reference, given.confidence) - lost)
         assert found[name]["value"] == pytest.approx(np.mean(losses))
@@ -253,7 +254,7 @@ def test_every_figure_is_the_same_twice_and_needs_nothing_else(comparison, world
     folders = {dataset.digest: dataset.folder for dataset in world.sets.values()}
     plan = {each.name: each for each in plans()}
     known = {"trained": folders, "plan_of": lambda dataset: plan[dataset.name], "resamples": 30}
-    examined = examine(comparison, **known)
+    examined = look_closer(comparison, **known)
     ranking = Ranking(list("abcd"), np.array([1, 2, 2.5, 4.5]), 5, 1.2, 0.01, np.ones((4, 4)))
     curve = [row("a", "s", "t", 0.8, train=t, ci_low=0.7, ci_high=0.9) for t in (50, 300)]
 

@@ -7,7 +7,7 @@ import pytest
 
 from echolearn.comparison.compare import load_inputs
 from echolearn.comparison.evaluate import evaluate_conditions
-from echolearn.comparison.robustness import COLUMNS, locked, under_conditions
+from echolearn.comparison.robustness import COLUMNS, locked_on, under_conditions
 from echolearn.evaluation.metrics import auc
 from echolearn.evaluation.rows import pick
 from echolearn.training.predictions import predict_rows
@@ -60,7 +60,7 @@ def test_a_gain_changes_no_filter_of_ratios_and_noise_changes_all(inputs):
 
 def test_locked_is_what_is_within_two_samples_of_an_echo(inputs):
     dataset = inputs.sets["offgrid_hall"]
-    told = locked(dataset)
+    told = locked_on(dataset)
     truth = dataset["truth_toa"]
     for row in range(len(dataset)):
         away = np.abs(truth[row][np.isfinite(truth[row])] - dataset["toa"][row]).min() * 22050

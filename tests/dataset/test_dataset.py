@@ -293,7 +293,7 @@ def test_a_long_shard_is_computed_in_blocks(monkeypatch, plan, finished, tmp_pat
     ("rows", "sizes"), [(64, [16] * 4), (5, [5]), (1, [1]), (17, [8, 9]), (65, [16] * 4 + [1])]
 )
 def test_blocks_are_small_and_no_row_is_newly_alone(rows, sizes):
-    blocks = [*generation.blocks_of(range(3, 3 + rows))]
+    blocks = [*generation.row_blocks(range(3, 3 + rows))]
     assert [len(block) for block in blocks] == sizes
     assert [row for block in blocks for row in block] == [*range(3, 3 + rows)]
 

@@ -22,7 +22,7 @@ BLANK = "array"
 RATE = 22050.0
 PROBE = signals.noise_probe(burst=400, length=6000)
 NAMES = sorted(path.stem for path in (CONF / "localizer").glob("*.yaml"))
-SCENES = sorted({path.stem for path in (CONF / "scene").glob("*.yaml")} - {BLANK})
+SCENES = sorted({path.stem for path in (CONF / "scene").glob("*.yaml")} - {BLANK, "survey"})
 LEVEL = np.pi / 2
 
 

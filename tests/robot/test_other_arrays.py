@@ -7,6 +7,8 @@ import pytest
 
 from echolearn.cli.main import main
 
+LABEL = ["target=reflector", "aim=balanced"]
+
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
@@ -15,7 +17,7 @@ def runs(tmp_path_factory):
     own = ["scene=respeaker", f"runs={place}"]
     few = ["plan=tiny_scattered", "plan.rows=40", "plan.shard_rows=40", "localizer=joint"]
     assert main(["generate", *few, "engine=serial", *own]) == 0
-    assert main(["train", *few, "classifier=threshold_score", *own]) == 0
+    assert main(["train", *few, "classifier=threshold_score", *LABEL, *own]) == 0
     run = next((place / "train").iterdir())
     assert main(["export", f"run={run}", "name=board", "resamples=20", *own]) == 0
     assert main(["survey", "room=8x6x5", "snr_db=20", "poses=20", "name=walk", *own]) == 0

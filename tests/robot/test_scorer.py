@@ -116,7 +116,7 @@ def test_recordings_of_another_robot_are_refused(scorer, walk, observation):
         "bundle expects sample_rate=22050 Hz, survey has 44100 Hz; resample with": faster,
         "microphones=4: must be 6, the bundle's": {"array": circular_array(microphones=4)},
         "microphones=one is off by 4.0 mm: must be at most 1 mm": moved,
-        "are the microphones in the same order": {"array": MicArray(positions[::-1])},
+        "are the microphones in another order": {"array": MicArray(positions[::-1])},
         r"observation.samples=shape \(36, 5, 6000\)": {"samples": observation.samples[:, :5]},
         "probe=correlates .* with the bundle's: must be the same burst; play": other,
         "window.farthest=2.0 m": {"samples": observation.samples[..., :200]},

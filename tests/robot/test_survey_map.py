@@ -526,4 +526,6 @@ def test_a_robot_without_hydra_maps_by_the_same_command(packed, walk, made, tmp_
     assert "there is no key localizer.sigh" in run("map", "localizer.sigh=either").stderr
     assert "no key bundel; did you mean bundle?" in run("map", "bundel=x").stderr
     assert "pip install 'echolearn[lab]'" in run("train").stderr
-    assert "pip install 'echolearn[ros]'" in run("map", "survey=x", "bundle=x", "ros=true").stderr
+    assert (
+        "pip install 'echolearn[ros]'" in run("map", "survey=x", "bundle=point", "ros=true").stderr
+    )

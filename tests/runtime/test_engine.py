@@ -24,8 +24,9 @@ from distributed import Client, get_worker
 from children import is_alive
 from echolearn.checks import BadValue
 from echolearn.cli.compose import compose
-from echolearn.cli.config import build, folder
+from echolearn.cli.config import build
 from echolearn.cli.main import main
+from echolearn.cli.own import folder
 from echolearn.dataset import generate as generation
 from echolearn.dataset.generate import _write, folder_of, generate
 from echolearn.dataset.records import records

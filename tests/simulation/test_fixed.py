@@ -35,7 +35,7 @@ def test_fewer_sources_than_microphones_leave_directions_without_noise():
     [
         ([], "shape (0,): must be many x 3"),
         ([[1.0, 2.0]], "shape (1, 2): must be many x 3 finite numbers in m"),
-        ([[1.0, 2.0, "high"]], "dtype <U"),
+        ([[1.0, 2.0, "high"]], "words"),
         ([[1.0, 2.0, 300.0]], "300 m: must be coordinates from -100 to 100 m; are they in mm?"),
         (RING.positions[2:3].tolist(), "0.000 m from a microphone: must be 0.01 m or more"),
     ],

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from echolearn.cli.compose import compose
-from echolearn.cli.config import build, folder
+from echolearn.cli.config import build
+from echolearn.cli.own import folder
 from echolearn.simulation.noise.fixed import Fixed
 from echolearn.simulation.noise.white import White
-from echolearn.simulation.normal_loops import recorded, standard_normal
+from echolearn.simulation.normal_loops import noisy_recording, standard_normal
 from echolearn.survey import audio
 from reference import RATE
 from sounds import draw
@@ -98,4 +99,4 @@ def test_a_recording_is_the_sum_of_its_parts():
     rng = np.random.default_rng(5)
     received, direct, noise = rng.standard_normal((3, 2, 50))
     expected = (received - direct + noise) * 0.3
-    assert np.array_equal(recorded(received, direct, noise, gain=0.3), expected)
+    assert np.array_equal(noisy_recording(received, direct, noise, gain=0.3), expected)

@@ -54,9 +54,9 @@ def test_every_finished_run_is_found_in_order(runs):
 
 def test_what_a_run_is_stands_in_its_metrics(runs):
     assert {(run.model.classifier, *run.model[2:]) for run in runs} == {
-        ("svm_pair", "learned", "svm", "position", "reflector"),
-        ("threshold_peak", "baseline", "threshold", "position", "reflector"),
-        ("trees_features", "learned", "trees", "position", "reflector"),
+        ("svm_pair", "learned", "svm", "position", "reflector", "", ""),
+        ("threshold_peak", "baseline", "threshold", "position", "reflector", "", ""),
+        ("trees_features", "learned", "trees", "position", "reflector", "", ""),
     }
 
 

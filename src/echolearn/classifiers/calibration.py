@@ -190,7 +190,7 @@ def isotonic(decision: Array, y: Array) -> Steps:
     return Steps(tuple(centre.tolist()), tuple(found.x[pools].tolist()))
 
 
-def described(fitted: Calibrated) -> dict[str, Any]:
+def plain_calibration(fitted: Calibrated) -> dict[str, Any]:
     """Return a calibration as plain containers."""
     mapping = fitted.mapping
     if isinstance(mapping, Sigmoid):

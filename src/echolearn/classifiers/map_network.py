@@ -96,14 +96,14 @@ class Round(nn.Module):
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Map (B, 2, sectors, lags) to (B, 8 * channels): the echo, its sector, mean, maximum."""
         for layer in (self.first, self.second, self.third):
-            x = nn.functional.gelu(layer(wrapped(x)))
+            x = nn.functional.gelu(layer(goes_round(x)))
         # Strides keep the echo in the middle of the lags and in the first sector.
         middle = x.shape[3] // 2
         parts = [x[:, :, 0, middle], x[:, :, 0].amax(dim=2), x.mean(dim=(2, 3)), x.amax(dim=(2, 3))]
         return torch.cat(parts, dim=1)
 
 
-def wrapped(x: torch.Tensor) -> torch.Tensor:
+def goes_round(x: torch.Tensor) -> torch.Tensor:
     """Return maps (B, C, sectors, lags) with the last sector before and the first one behind."""
     return torch.cat([x[:, :, -1:], x, x[:, :, :1]], dim=2)
 

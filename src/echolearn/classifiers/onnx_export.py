@@ -58,7 +58,9 @@ class Confidence(torch.nn.Module):
             knots, rises = np.array(mapping.decision), np.diff(mapping.confidence)
             widths = np.diff(knots)
             lowest = mapping.confidence[0]
-            formula = Formula(steps, left=knots[:-1], width=widths, rise=rises, lowest=lowest)
+            formula = Formula(
+                export_steps, left=knots[:-1], width=widths, rise=rises, lowest=lowest
+            )
         self.mapping = formula
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
@@ -79,7 +81,7 @@ def sigmoid(
     return torch.sigmoid(decision * slope + intercept)
 
 
-def steps(
+def export_steps(
     decision: torch.Tensor,
     *,
     left: torch.Tensor,

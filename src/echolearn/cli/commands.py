@@ -346,7 +346,7 @@ def _open_set(config: "Config") -> "Dataset":
 
 def _generating(config: "Config") -> str:
     """Return the command line that makes the set on which a job trains: its words about the set."""
-    from echolearn.cli.config import folder
+    from echolearn.cli.own import folder
 
     known = (folder() / "generate.yaml").read_text()
     words = shlex.split(config["command"])[2:]

@@ -19,8 +19,8 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from echolearn.checks import BadValue, suggest
-from echolearn.cli.config import Config, UsageError, folder
-from echolearn.cli.own import folders, teach_hydra
+from echolearn.cli.config import Config, UsageError
+from echolearn.cli.own import folder, folders, teach_hydra
 from echolearn.cli.targets import TARGET
 from echolearn.cli.words import TEXTS, is_text, plain_config, quoted, split
 from echolearn.storage.files import one_line

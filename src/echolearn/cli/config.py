@@ -8,7 +8,6 @@ called come through as they are.
 
 import inspect
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from echolearn.checks import BadValue, suggest
@@ -19,12 +18,6 @@ Config = dict[str, Any]
 
 class UsageError(Exception):
     """A command line that cannot be understood."""
-
-
-def folder() -> Path:
-    """Return the folder of the YAML files: the installed package's, or the repository's."""
-    installed = Path(__file__).parents[1] / "conf"
-    return installed if installed.is_dir() else Path(__file__).parents[3] / "conf"
 
 
 def build(config: Any, name: str) -> Any:

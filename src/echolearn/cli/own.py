@@ -12,14 +12,17 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from echolearn.checks import check
-from echolearn.cli.config import folder
-
 if TYPE_CHECKING:
     from hydra.core.config_search_path import ConfigSearchPath
 
 VARIABLE = "ECHOLEARN_CONFIG"
 """Environment variable that names the folder; processes of a sweep inherit it."""
+
+
+def folder() -> Path:
+    """Return the folder of the YAML files: the installed package's, or the repository's."""
+    installed = Path(__file__).parents[1] / "conf"
+    return installed if installed.is_dir() else Path(__file__).parents[3] / "conf"
 
 
 def use_own(place: str) -> None:
@@ -28,6 +31,8 @@ def use_own(place: str) -> None:
     Raises:
         BadValue: no such folder, or a file that has the name of one of ours.
     """
+    from echolearn.checks import check
+
     path = Path(place).absolute()
     hint = "is it relative to another folder?"
     check(path.is_dir(), "config-dir", place, allowed="must be a folder", hint=hint)

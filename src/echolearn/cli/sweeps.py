@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echolearn.checks import BadValue, printable
-from echolearn.cli.config import UsageError, folder
+from echolearn.cli.config import UsageError
+from echolearn.cli.own import folder
 from echolearn.runtime.processes import processes, single_threads
 from echolearn.storage.files import one_line
 

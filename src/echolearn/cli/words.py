@@ -17,7 +17,8 @@ from copy import deepcopy
 from typing import Any
 
 from echolearn.checks import suggest
-from echolearn.cli.config import Config, UsageError, folder
+from echolearn.cli.config import Config, UsageError
+from echolearn.cli.own import folder
 from echolearn.storage.advice import assignment, shell, text_of
 
 TEXTS = frozenset("name runs survey bundle run best readme page scaling folder card".split())

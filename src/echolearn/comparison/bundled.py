@@ -19,7 +19,9 @@ from echolearn.robot.shipped import find_bundle
 from echolearn.training.runs import Run
 
 
-def opened(names: Sequence[str], runs: Path, *, finished: Sequence[Run]) -> list[tuple[Run, Robot]]:
+def opened_bundle(
+    names: Sequence[str], runs: Path, *, finished: Sequence[Run]
+) -> list[tuple[Run, Robot]]:
     """Return bundles as runs, each with the robot it was made for; golden inputs are replayed.
 
     Args:

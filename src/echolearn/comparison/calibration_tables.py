@@ -4,9 +4,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from echolearn.comparison.pivot import pivot
-from echolearn.evaluation.calibration_rows import PAPER
 from echolearn.evaluation.reliability import BANDS_DB
-from echolearn.evaluation.rows import Row, pick
+from echolearn.evaluation.rows import PAPER, Row, pick
 
 OWN = {
     "own_auc": "auc",

@@ -134,3 +134,11 @@ def drawn(comparison: Comparison) -> list[Model]:
 
 def _validated(run: Run) -> float:
     return float(run.metrics["validation"]["balanced_accuracy"])
+
+
+def away(comparison: Comparison) -> str:
+    """Return the set whose curves are drawn: the first made for testing, or the last one."""
+    for name, dataset in comparison.sets.items():
+        if dataset.manifest["plan"]["role"] == "test":
+            return name
+    return list(comparison.sets)[-1]

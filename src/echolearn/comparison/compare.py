@@ -14,15 +14,18 @@ from pathlib import Path
 from typing import Any
 
 from echolearn.checks import BadValue, check, check_list, check_name, check_whole
-from echolearn.comparison import report, robustness
-from echolearn.comparison.choice import Comparison, chosen_run
+from echolearn.comparison import importance, ranking, report, robustness, shifts, warnings, worst
+from echolearn.comparison.choice import Comparison, chosen_run, headline
 from echolearn.comparison.evaluate import Inputs, evaluate
-from echolearn.comparison.examined import Examined, examine, examined_files
+from echolearn.comparison.examined import Examined
 from echolearn.comparison.finding import find_set, find_survey, survey_digest
 from echolearn.comparison.fitting import robot_in
+from echolearn.comparison.importance import importance_rows
+from echolearn.comparison.ranking import rank_models, rank_rows
 from echolearn.comparison.recorded import is_examined
-from echolearn.comparison.warnings import tell
-from echolearn.comparison.worst import PlanOf
+from echolearn.comparison.shifts import shift_rows
+from echolearn.comparison.warnings import all_warnings, tell
+from echolearn.comparison.worst import PlanOf, worst_errors
 from echolearn.dataset.labelled_set import FORMAT, Dataset
 from echolearn.evaluation.rows import BUNDLE, to_csv
 from echolearn.localization.localizer import Localizer
@@ -71,13 +74,12 @@ def compare(
         name: name of the folder under `runs/compare`.
         tested: names of labelled sets.
         surveys: names of surveys.
-        localizers: localizers by name; each survey is localized by each of them.
+        localizers: localizers by name, by each of which surveys are localized.
         runs: folder of everything generated.
         bundles: names or folders of bundles, which are compared beside the runs.
-        resamples: bootstrap draws behind every interval.
-        workers: processes; the result does not depend on their number.
-        readme: a file whose results table, between markers, is replaced; None leaves it.
-        plan_of: the plan that a set was made by, if known: it makes what errors are drawn from.
+        resamples, workers: bootstrap draws behind intervals; processes.
+        readme: a file whose results table, between markers, is replaced.
+        plan_of: the plan that a set was made by, if known, to draw errors from.
         command: what makes the comparison again, for its manifest; None says nothing about it.
 
     Raises:
@@ -93,7 +95,8 @@ def compare(
     def make() -> Contents:
         """Evaluate everything, write the comparison, and return what of it is shown."""
         comparison = evaluate(inputs, resamples=resamples, workers=workers)
-        examined = examine(comparison, trained=inputs.trained, plan_of=plan_of, resamples=resamples)
+        more: Any = {"trained": inputs.trained, "plan_of": plan_of, "resamples": resamples}
+        examined = look_closer(comparison, **more)
         about = {"kind": "comparison", "inputs": known, **command_entry(command)}
         return _write(folder, comparison, examined, about=about)
 
@@ -168,7 +171,7 @@ def load_inputs(
     current = {folder: each for folder, each in known.items() if each.get("format") == FORMAT}
     trained = {digest(each["files"]): folder for folder, each in current.items()}
     robots = {key: robot_in(current[folder]["plan"]["scene"]) for key, folder in trained.items()}
-    found = bundled.opened(bundles, runs, finished=finished)
+    found = bundled.opened_bundle(bundles, runs, finished=finished)
     return Inputs(
         models | {run.model: [run] for run, _ in found},
         {plan["name"]: plan["role"] for plan in plans if "role" in plan},
@@ -257,3 +260,38 @@ def _write(
         write_atomic(folder / file, content)
     finish(folder, {**about, "chosen": chosen_run(comparison).identity}, files)
     return {name: files[name] for name in report.SHOWN if name in files}
+
+
+def look_closer(
+    comparison: Comparison, *, trained: Mapping[str, Path], plan_of: PlanOf, resamples: int
+) -> Examined:
+    """Look at a comparison more closely.
+
+    Args:
+        comparison: what was found.
+        trained: folders of training sets by their digests.
+        plan_of: the plan that a set was made by.
+        resamples: bootstrap draws behind intervals.
+    """
+    moved = list(shift_rows(comparison, trained))
+    return Examined(
+        rank_models(comparison),
+        importance=list(importance_rows(comparison, resamples=resamples)),
+        shifts=moved,
+        worst=worst_errors(comparison, plan_of),
+        warnings=all_warnings(comparison, trained=trained, shifts=moved),
+    )
+
+
+def examined_files(examined: Examined, comparison: Comparison) -> dict[str, bytes]:
+    """Return the CSV files of what was found, by name."""
+    ranked = examined.ranking
+    rows = rank_rows(ranked, headline(comparison)) if ranked else []
+    warned = [each._asdict() for each in examined.warnings]
+    return {
+        "ranks.csv": to_csv(rows, ranking.COLUMNS),
+        "importance.csv": to_csv(examined.importance, importance.COLUMNS),
+        "shifts.csv": to_csv(examined.shifts, shifts.COLUMNS),
+        "worst.csv": to_csv(examined.worst.rows, worst.COLUMNS),
+        "warnings.csv": to_csv(warned, warnings.COLUMNS),
+    }

@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 
 from echolearn.comparison import figures
-from echolearn.comparison.choice import Comparison, chosen, drawn, headline
+from echolearn.comparison.choice import Comparison, away, chosen, drawn, headline
 from echolearn.comparison.pivot import pivot
 from echolearn.comparison.reliability_figure import Answers, reliability
-from echolearn.comparison.tables import away, levels, main_localizer, placed, unfiltered
-from echolearn.evaluation.calibration_rows import PAPER
+from echolearn.comparison.tables import levels, main_localizer, placed, unfiltered
 from echolearn.evaluation.reliability import BANDS_DB
-from echolearn.evaluation.rows import UNFIT, Model, Row, in_band, pick
+from echolearn.evaluation.rows import PAPER, UNFIT, Model, Row, in_band, pick
 from echolearn.training.predictions import (
     label_rows,
     predict_echoes,
@@ -111,7 +110,7 @@ def by_panel(rows: Sequence[Row], *, line: str) -> Panels:
 
 def draw_reliability(comparison: Comparison) -> dict[str, str]:
     """Return the figure as SVG, by its name; nothing if no model was made for these robots."""
-    panels = banded(comparison) | recorded(comparison)
+    panels = banded(comparison) | measured_panels(comparison)
     panels = {title: answers for title, answers in panels.items() if answers}
     return {"reliability": reliability(panels)} if panels else {}
 
@@ -139,7 +138,7 @@ def banded(comparison: Comparison) -> dict[str, Answers]:
     return found
 
 
-def recorded(comparison: Comparison) -> dict[str, Answers]:
+def measured_panels(comparison: Comparison) -> dict[str, Answers]:
     """Return what models say of recorded surveys, by the name of their group."""
     found = {}
     for (group, localizer), measured in comparison.measured.items():

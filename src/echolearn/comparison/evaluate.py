@@ -29,15 +29,16 @@ from echolearn.comparison.pooled import (
     set_shares,
     walk_shares,
 )
-from echolearn.comparison.recorded import examined, is_examined, lines_of
+from echolearn.comparison.recorded import health_of, is_examined, lines_of
 from echolearn.comparison.rivals import BASELINE, baselines, fold_tests, further_tests
 from echolearn.comparison.robustness import changes, under_conditions
 from echolearn.comparison.tables import SHOWN_DB
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import pairs, scoring
-from echolearn.evaluation.calibration_rows import PAPER, score_calibration
+from echolearn.evaluation.calibration_rows import score_calibration
 from echolearn.evaluation.rows import (
     OTHER_LOCALIZER,
+    PAPER,
     UNFIT,
     LabelledRows,
     LocalizedSurvey,
@@ -168,7 +169,7 @@ def evaluations(inputs: Inputs, *, resamples: int, workers: int) -> list[Evaluat
 def _healths(inputs: Inputs, pool: ProcessPoolExecutor) -> dict[Path, Health]:
     """Return what recorded surveys say about themselves, by their folders, and tell it."""
     walked = [folder for folder in inputs.surveys.values() if is_examined(folder)]
-    healths = dict(zip(walked, pool.map(examined, walked), strict=True))
+    healths = dict(zip(walked, pool.map(health_of, walked), strict=True))
     for line in lines_of(healths.items()):
         print(line, file=sys.stderr, flush=True)
     return healths

@@ -1,23 +1,54 @@
 """A comparison looked at more closely: ranks, importance, shifts, the worst errors, warnings.
 
-Comparison --examine--> Examined --examined_files--> CSV files, --examined_facts--> the report
+Comparison --examine--> Examined --draw_examined--> figures, --examined_facts--> the report
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from statistics import mean
-from typing import Any
+from typing import Any, NamedTuple
 
-from echolearn.comparison import importance, ranking, shifts, warnings, worst
-from echolearn.comparison.choice import Comparison, closely, headline, trained
-from echolearn.comparison.importance import importance_rows
-from echolearn.comparison.ranking import Ranking, rank_models, rank_rows
-from echolearn.comparison.shifts import shift_rows
-from echolearn.comparison.tables import away
-from echolearn.comparison.warnings import CODES, Warned, all_warnings
-from echolearn.comparison.worst import PlanOf, Worst, worst_errors
-from echolearn.evaluation.rows import Model, Row, pick, to_csv
+from echolearn.acoustics.types import Array, Truth
+from echolearn.comparison.choice import Comparison, away, closely, headline, trained
+from echolearn.comparison.ranking import Ranking
+from echolearn.comparison.warnings import CODES, Warned
+from echolearn.evaluation.rows import Model, Row, pick
+
+BELIEVED, MISSED = "believed", "missed"
+"""Spurious echoes with the largest confidence, true ones with the smallest."""
+
+
+class Picture(NamedTuple):
+    """What was heard where an error was made.
+
+    Attributes:
+        row: its row of `worst.csv`.
+        response: J(tau, phi) over its maximum, shape (A, L).
+        azimuths: of its A directions, in rad, rising.
+        distances: of its L lags, c tau / 2, in m.
+        truth: times and directions of the walls, fields (W,).
+        speed_of_sound: in m/s.
+    """
+
+    row: Row
+    response: Array
+    azimuths: Array
+    distances: Array
+    truth: Truth
+    speed_of_sound: float
+
+
+@dataclass(frozen=True)
+class Worst:
+    """Errors of the chosen model's first seed on the set whose curves are drawn.
+
+    Attributes:
+        rows: the errors, of either kind the surest first.
+        pictures: of some of them; none where the set's plan is not known.
+    """
+
+    rows: list[Row]
+    pictures: list[Picture]
 
 
 @dataclass(frozen=True)
@@ -37,41 +68,6 @@ class Examined:
     shifts: Sequence[Row] = ()
     worst: Worst = Worst([], [])
     warnings: Sequence[Warned] = ()
-
-
-def examine(
-    comparison: Comparison, *, trained: Mapping[str, Path], plan_of: PlanOf, resamples: int
-) -> Examined:
-    """Look at a comparison more closely.
-
-    Args:
-        comparison: what was found.
-        trained: folders of training sets by their digests.
-        plan_of: the plan that a set was made by.
-        resamples: bootstrap draws behind intervals.
-    """
-    moved = list(shift_rows(comparison, trained))
-    return Examined(
-        rank_models(comparison),
-        importance=list(importance_rows(comparison, resamples=resamples)),
-        shifts=moved,
-        worst=worst_errors(comparison, plan_of),
-        warnings=all_warnings(comparison, trained=trained, shifts=moved),
-    )
-
-
-def examined_files(examined: Examined, comparison: Comparison) -> dict[str, bytes]:
-    """Return the CSV files of what was found, by name."""
-    ranked = examined.ranking
-    rows = rank_rows(ranked, headline(comparison)) if ranked else []
-    warned = [each._asdict() for each in examined.warnings]
-    return {
-        "ranks.csv": to_csv(rows, ranking.COLUMNS),
-        "importance.csv": to_csv(examined.importance, importance.COLUMNS),
-        "shifts.csv": to_csv(examined.shifts, shifts.COLUMNS),
-        "worst.csv": to_csv(examined.worst.rows, worst.COLUMNS),
-        "warnings.csv": to_csv(warned, warnings.COLUMNS),
-    }
 
 
 def examined_facts(examined: Examined, comparison: Comparison) -> dict[str, Any]:

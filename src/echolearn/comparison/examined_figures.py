@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from echolearn.comparison.choice import Comparison
-from echolearn.comparison.examined import Examined, learning_curves
+from echolearn.comparison.examined import BELIEVED, Examined, Picture, learning_curves
 from echolearn.comparison.figures import (
     BLACK,
     BLUE,
@@ -21,7 +21,6 @@ from echolearn.comparison.figures import (
     styled,
 )
 from echolearn.comparison.ranking import Ranking
-from echolearn.comparison.worst import BELIEVED, Picture
 from echolearn.evaluation import ranks
 from echolearn.evaluation.rows import Row, distinct, pick
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.classifiers.inputs import FEATURES, stack_inputs, view_of
-from echolearn.comparison.choice import Comparison, drawn, is_evaluated
-from echolearn.comparison.tables import away
+from echolearn.comparison.choice import Comparison, away, drawn, is_evaluated
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics, stats
 from echolearn.evaluation.rows import Row
@@ -71,7 +70,7 @@ def of_run(run: Run, dataset: Dataset, *, resamples: int) -> Iterator[Row]:
         without = []
         for _ in range(REPEATS):
             mixed = x.copy()
-            mixed[:, place] = x[exchanged(groups, rng), place]
+            mixed[:, place] = x[permuted(groups, rng), place]
             without.append(score(mixed))
 
         def loss(each: Array | None, without: list[Array] = without) -> Array:
@@ -84,7 +83,7 @@ def of_run(run: Run, dataset: Dataset, *, resamples: int) -> Iterator[Row]:
         yield {"column": name, "n": len(rows)} | figure
 
 
-def exchanged(groups: Array, rng: np.random.Generator) -> Array:
+def permuted(groups: Array, rng: np.random.Generator) -> Array:
     """Return for each row the row whose value it is given, shape (B,): whole groups are exchanged.
 
     A group that is given to a larger one is repeated, to a smaller one cut.

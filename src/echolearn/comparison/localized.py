@@ -2,15 +2,16 @@
 
 from collections import defaultdict
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.checks import BadValue
-from echolearn.comparison import recorded
 from echolearn.comparison.conditions import joint_snr_db, room_of
 from echolearn.evaluation import stats
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
@@ -19,8 +20,29 @@ from echolearn.localization.columns import COLUMNS, TENSORS
 from echolearn.localization.localize import localize
 from echolearn.localization.localizer import Localizer, returned
 from echolearn.mapping.echo_map import echo_map
-from echolearn.survey.health import Health
+from echolearn.survey.health import Health, as_found
+from echolearn.survey.reader import read_survey
 from echolearn.survey.survey import Survey, blocks
+
+SIMULATED = "simulated.json"
+"""File by which a simulated walk is known; its map is evaluated, and nothing else."""
+
+
+def is_measured(folder: Path) -> bool:
+    """Tell whether the echoes of a survey are to be judged one by one: it was recorded."""
+    return not (Path(folder) / SIMULATED).is_file()
+
+
+def opened_survey(folder: Path, health: Health | None, *, window: SearchWindow) -> Survey:
+    """Return a survey whose recordings are mended when read.
+
+    Args:
+        folder: of the survey.
+        health: what its recordings say about themselves; None leaves them as they are.
+        window: where echoes are sought.
+    """
+    survey = replace(read_survey(folder), window=window)
+    return survey if health is None else as_found(survey, health)
 
 
 def localize_survey(
@@ -45,7 +67,7 @@ def localize_survey(
     Raises:
         BadValue: the survey has no outline to be evaluated against.
     """
-    survey = recorded.opened(folder, health, window=localizer.window)
+    survey = opened_survey(folder, health, window=localizer.window)
     if survey.walls is None:
         raise BadValue(
             f"{folder}/survey.yaml: it has no walls; without the room's outline no map is evaluated"

@@ -20,8 +20,7 @@ from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.checks import BadValue, check
 from echolearn.comparison.conditions import joint_snr_db, room_of
-from echolearn.comparison.localized import localized
-from echolearn.comparison.recorded import is_measured, opened
+from echolearn.comparison.localized import is_measured, localized, opened_survey
 from echolearn.evaluation import stats
 from echolearn.evaluation.labelling import Labels, joined, label_echoes
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
@@ -97,7 +96,7 @@ def measured_rows(
     """
     heard = []
     for folder in folders:
-        survey = opened(folder, healths.get(folder), window=localizer.window)
+        survey = opened_survey(folder, healths.get(folder), window=localizer.window)
         heard.append(localized_echoes(survey, localizer, further=further))
     strict = joined([each.labels.strict for each in heard])
     by_time = joined([each.labels.by_time for each in heard])

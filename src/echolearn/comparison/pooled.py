@@ -155,7 +155,7 @@ def _together(shares: Iterable[Share]) -> dict[Key, list[Share]]:
     return {key: each for key, each in found.items() if len(each) == most[key[1], key[2]] > 1}
 
 
-def _pool(shares: Sequence[Share]) -> pooling.Pooled:
+def _pool(shares: Sequence[Share]) -> pooling.PooledFigures:
     values = np.array([share.value for share in shares])
     units = sum(share.units for share in shares)
     return pooling.pool(values, np.stack([share.draws for share in shares]), units=units)

@@ -6,22 +6,12 @@ walks are sound as they were made, and published recordings that were imported a
 """
 
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 
-from echolearn.acoustics.geometry import SearchWindow
+from echolearn.comparison.localized import is_measured
 from echolearn.survey.examining import examine
-from echolearn.survey.health import Health, as_found, mended
+from echolearn.survey.health import Health, mended
 from echolearn.survey.reader import read_survey
-from echolearn.survey.survey import Survey
-
-SIMULATED = "simulated.json"
-"""File by which a simulated walk is known; its map is evaluated, and nothing else."""
-
-
-def is_measured(folder: Path) -> bool:
-    """Tell whether the echoes of a survey are to be judged one by one: it was recorded."""
-    return not (Path(folder) / SIMULATED).is_file()
 
 
 def is_examined(folder: Path) -> bool:
@@ -29,7 +19,7 @@ def is_examined(folder: Path) -> bool:
     return is_measured(folder) and read_survey(folder).conditions.get("protocol") != "none"
 
 
-def examined(folder: Path) -> Health:
+def health_of(folder: Path) -> Health:
     """Return what the recordings of a survey say about themselves.
 
     Raises:
@@ -39,18 +29,6 @@ def examined(folder: Path) -> Health:
     health = examine(survey)
     mended(survey, health)
     return health
-
-
-def opened(folder: Path, health: Health | None, *, window: SearchWindow) -> Survey:
-    """Return a survey whose recordings are mended when read.
-
-    Args:
-        folder: of the survey.
-        health: what its recordings say about themselves; None leaves them as they are.
-        window: where echoes are sought.
-    """
-    survey = replace(read_survey(folder), window=window)
-    return survey if health is None else as_found(survey, health)
 
 
 def lines_of(healths: Iterable[tuple[Path, Health]]) -> list[str]:

@@ -19,8 +19,7 @@ import numpy as np
 from echolearn.acoustics.types import Array
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import metrics, stats
-from echolearn.evaluation.calibration_rows import PAPER
-from echolearn.evaluation.rows import Model, Predictions, Row
+from echolearn.evaluation.rows import PAPER, Model, Predictions, Row
 
 LOCKED = 2.0
 """Samples; an estimate that has found an echo is within one or two of it."""
@@ -94,7 +93,7 @@ class _Heard(NamedTuple):
         """Return what predictions say of a set with this label."""
         truth = dataset[target].astype(bool)
         # True by chance, without an echo at that time, cannot be told from false.
-        ceiling = float(metrics.auc(truth, locked(dataset) * truth))
+        ceiling = float(metrics.auc(truth, locked_on(dataset) * truth))
         return cls(truth, [each.confidence for each in given], ceiling)
 
     def auc(self, weights: Array | None) -> Array:
@@ -109,7 +108,7 @@ def _difference(here: _Heard, there: _Heard, weights: Array | None) -> Array:
     return here.auc(weights) - there.auc(weights)
 
 
-def locked(dataset: Dataset) -> Array:
+def locked_on(dataset: Dataset) -> Array:
     """Return 1 for each row whose estimated time is that of a wall's echo, else 0, shape (B,)."""
     rate = dataset.manifest["plan"]["scene"]["probe"]["sample_rate"]
     away = np.abs(dataset["toa"][:, None] - dataset["truth_toa"])

@@ -41,7 +41,7 @@ def shift_rows(comparison: Comparison, trained: Mapping[str, Path]) -> Iterator[
         comparison: what was tested.
         trained: folders of training sets by their digests.
     """
-    for digest, names in looked_at(comparison).items():
+    for digest, names in inputs_seen(comparison).items():
         if digest not in trained:
             continue
         training = Dataset(trained[digest])
@@ -52,10 +52,12 @@ def shift_rows(comparison: Comparison, trained: Mapping[str, Path]) -> Iterator[
                 if _has(tested.columns, name):
                     about = {"trained_on": training.name, "tested_on": tested.tested_on}
                     about |= {"localizer": tested.localizer, "column": name}
-                    yield about | compared(values, np.asarray(tested.columns[name], dtype=float))
+                    yield about | compare_columns(
+                        values, np.asarray(tested.columns[name], dtype=float)
+                    )
 
 
-def looked_at(comparison: Comparison) -> dict[str, list[str]]:
+def inputs_seen(comparison: Comparison) -> dict[str, list[str]]:
     """Return the columns that runs look at, by the digest of the set they were trained on."""
     found: dict[str, dict[str, None]] = {}
     for runs in comparison.models.values():
@@ -77,7 +79,7 @@ def everything(comparison: Comparison, *, but: str) -> Iterator[Tested]:
                 yield Tested(name, localizer, rows.columns)
 
 
-def compared(trained: Array, tested: Array) -> dict[str, float]:
+def compare_columns(trained: Array, tested: Array) -> dict[str, float]:
     """Return distance and share outside of tested values (B,) from trained ones (C,)."""
     low, high = np.quantile(trained, [TAIL, 1 - TAIL])
     outside = float(np.mean((tested < low) | (tested > high)))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from echolearn.comparison.calibration_tables import calibration_table, own_table
-from echolearn.comparison.choice import Comparison, chosen, headline, trained
+from echolearn.comparison.choice import Comparison, away, chosen, headline, trained
 from echolearn.comparison.measured_tables import measured_tables
 from echolearn.comparison.pivot import Table, pivot
 from echolearn.comparison.rivals import BASELINE
@@ -66,14 +66,6 @@ def levels(comparison: Comparison) -> list[str]:
 def main_localizer(comparison: Comparison) -> str:
     """Return the localizer of the maps' tables: the first one; nothing without surveys."""
     return next(iter(localizers_of(comparison)), "")
-
-
-def away(comparison: Comparison) -> str:
-    """Return the set whose curves are drawn: the first made for testing, or the last one."""
-    for name, dataset in comparison.sets.items():
-        if dataset.manifest["plan"]["role"] == "test":
-            return name
-    return list(comparison.sets)[-1]
 
 
 def unseen(comparison: Comparison, training: str) -> bool:

@@ -7,18 +7,15 @@ proved that it is the same, gives it (`PlanOf`).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from echolearn.acoustics.rooms import true_echoes
-from echolearn.acoustics.types import Array, Truth
-from echolearn.comparison.choice import Comparison, chosen, is_evaluated
-from echolearn.comparison.tables import away
+from echolearn.comparison.choice import Comparison, away, chosen, is_evaluated
+from echolearn.comparison.examined import BELIEVED, MISSED, Picture, Worst
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.dataset.plans import Plan
-from echolearn.dataset.records import recorded
+from echolearn.dataset.records import recordings_of
 from echolearn.evaluation.rows import Row
 from echolearn.localization.localizer import returned
 from echolearn.localization.matched_filter import MatchedFilter
@@ -32,44 +29,8 @@ COLUMNS = (
 LISTED, DRAWN = 20, 3
 """Errors of either kind that are listed, and that are drawn."""
 
-BELIEVED, MISSED = "believed", "missed"
-"""Spurious echoes with the largest confidence, true ones with the smallest."""
-
 PlanOf = Callable[[Dataset], Plan | None]
 """The plan that a set was made by, or None where nobody knows."""
-
-
-class Picture(NamedTuple):
-    """What was heard where an error was made.
-
-    Attributes:
-        row: its row of `worst.csv`.
-        response: J(tau, phi) over its maximum, shape (A, L).
-        azimuths: of its A directions, in rad, rising.
-        distances: of its L lags, c tau / 2, in m.
-        truth: times and directions of the walls, fields (W,).
-        speed_of_sound: in m/s.
-    """
-
-    row: Row
-    response: Array
-    azimuths: Array
-    distances: Array
-    truth: Truth
-    speed_of_sound: float
-
-
-@dataclass(frozen=True)
-class Worst:
-    """Errors of the chosen model's first seed on the set whose curves are drawn.
-
-    Attributes:
-        rows: the errors, of either kind the surest first.
-        pictures: of some of them; none where the set's plan is not known.
-    """
-
-    rows: list[Row]
-    pictures: list[Picture]
 
 
 def worst_errors(comparison: Comparison, plan_of: PlanOf) -> Worst:
@@ -123,7 +84,7 @@ def picture(plan: Plan, row: Row) -> Picture:
     """
     # An observation with R echoes has R rows.
     observed = row["row"] // returned(plan.localizer)
-    observation, [spot] = recorded(plan, range(observed, observed + 1))
+    observation, [spot] = recordings_of(plan, range(observed, observed + 1))
     view = MatchedFilter(observation, plan.window)
     # The array's axis, floor and ceiling, comes after the level directions and is not drawn.
     level = view.steered[0][: view.azimuths].astype(float)

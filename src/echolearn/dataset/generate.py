@@ -101,11 +101,11 @@ def _write(shard: int, *, plan: Plan, mark: Path) -> None:
     """Write one shard beside the mark by which a worker knows the folder."""
     check(mark.is_file(), "runs", mark.parent, allowed=SHARED)
     rows = range(len(plan))[shard * plan.shard_rows :][: plan.shard_rows]
-    blocks = [records(plan, block) for block in blocks_of(rows)]
+    blocks = [records(plan, block) for block in row_blocks(rows)]
     manifests.write_shard(mark.parent, shard, np.concatenate(blocks))
 
 
-def blocks_of(rows: range) -> Iterator[range]:
+def row_blocks(rows: range) -> Iterator[range]:
     """Yield the rows that are computed together: few, and never one alone but where it always was.
 
     A single row takes another way through matrix products, and so has other last bits.

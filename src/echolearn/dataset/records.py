@@ -65,7 +65,7 @@ def records(plan: Plan, rows: range) -> Array:
     if plan.localizer.whiten and len(rows) > 1:
         return np.concatenate([records(plan, range(row, row + 1)) for row in rows])
 
-    observation, spots = recorded(plan, rows)
+    observation, spots = recordings_of(plan, rows)
     names = (*COLUMNS, *TENSORS, *plan.further)
     echoes, columns = localize(observation, plan.localizer, names=names)
     estimates = np.stack([echoes.toa, echoes.azimuth, echoes.elevation], axis=-1)
@@ -78,7 +78,7 @@ def records(plan: Plan, rows: range) -> Array:
     return _structured(columns)
 
 
-def recorded(plan: Plan, rows: range) -> tuple[Observation, list[Spot]]:
+def recordings_of(plan: Plan, rows: range) -> tuple[Observation, list[Spot]]:
     """Return what was recorded for some observations of a plan, and where each was made.
 
     Args:

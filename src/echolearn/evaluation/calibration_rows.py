@@ -11,11 +11,8 @@ from typing import Any
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import metrics
 from echolearn.evaluation.reliability import BANDS_DB, evaluate_calibration
-from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Row, in_band, pick
+from echolearn.evaluation.rows import PAPER, LabelledRows, Model, Predictions, Row, in_band, pick
 from echolearn.evaluation.scoring import tabulate
-
-PAPER = "reflector"
-"""The paper's label, by which all models are compared on sets."""
 
 OWN = ("auc", "balanced_accuracy", "precision", "recall", "specificity")
 """Metrics that are also given by a model's own label."""

@@ -28,7 +28,7 @@ LEAST_ROOMS = 8
 """Rooms from which on these are drawn: percentiles of fewer are those of a handful of values."""
 
 
-class Pooled(NamedTuple):
+class PooledFigures(NamedTuple):
     """A figure over rooms.
 
     Attributes:
@@ -42,7 +42,7 @@ class Pooled(NamedTuple):
     clusters: str
 
 
-def pool(values: Array, draws: Array, *, units: int, seed: int = 0) -> Pooled:
+def pool(values: Array, draws: Array, *, units: int, seed: int = 0) -> PooledFigures:
     """Return the mean of a figure over rooms, with its interval.
 
     Args:
@@ -66,7 +66,7 @@ def pool(values: Array, draws: Array, *, units: int, seed: int = 0) -> Pooled:
         clusters = "positions"
         # Draw k of one room must not always meet draw k of another: all began with one seed.
         means = np.mean([each[rng.permutation(resamples)] for each in draws], axis=0)
-    return Pooled(*bounded(float(np.mean(values)), means, units=units), clusters)
+    return PooledFigures(*bounded(float(np.mean(values)), means, units=units), clusters)
 
 
 def bounded(value: float, draws: Array, *, units: int) -> tuple[Interval, float]:

@@ -32,6 +32,9 @@ the localizer cannot work on what was recorded, the model looks at what is not t
 was trained on the set and its run, which tells the rows it held out, is not there. Their value is
 empty."""
 
+PAPER = "reflector"
+"""The paper's label, by which all models are compared on sets."""
+
 BUNDLE = "bundle"
 """Role and method of a bundle."""
 

@@ -49,19 +49,19 @@ def agreement_columns(matched: MatchedFilter, index: Array, *, toward: Array) ->
         toward: unit vectors of their directions, shape (B, 3).
     """
     aligned = align(matched, index, toward=toward)
-    here = around(aligned, 0)[..., 0]
+    here = lags_about_echo(aligned, 0)[..., 0]
     return {
         "level": np.hypot(toward[:, 0], toward[:, 1]),
         "exceeded": exceeded(matched.correlation, here),
-        "agreement": agreement(around(aligned, CLOSE)),
-        "coherence_wide": coherence(around(aligned, WIDE)),
-        **own_peaks(around(aligned, NEAR)),
+        "agreement": agreement(lags_about_echo(aligned, CLOSE)),
+        "coherence_wide": mean_coherence(lags_about_echo(aligned, WIDE)),
+        **own_peaks(lags_about_echo(aligned, NEAR)),
         "direction_second": direction_second(matched, index, toward=toward),
         "joint_second": joint_second(matched, index, here=here.sum(axis=-1)),
     }
 
 
-def around(aligned: Array, lags: int) -> Array:
+def lags_about_echo(aligned: Array, lags: int) -> Array:
     """Return aligned outputs (..., SEGMENT) at `lags` on either side, (..., 2 lags + 1)."""
     middle = SEGMENT // 2
     return aligned[..., middle - lags : middle + lags + 1]
@@ -81,7 +81,7 @@ def agreement(aligned: Array) -> Array:
     return (total - np.sum(unit**2, axis=(-2, -1))) / (count * (count - 1))
 
 
-def coherence(aligned: Array) -> Array:
+def mean_coherence(aligned: Array) -> Array:
     """Return the share of the energy of (B, M, K) that the sum of microphones has, 0 to 1."""
     together = np.sum(aligned.sum(axis=-2) ** 2, axis=-1)
     return ratio(together, aligned.shape[-2] * np.sum(aligned**2, axis=(-2, -1)))

@@ -23,6 +23,7 @@ from scipy import fft
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import direction, far_field_delays
 from echolearn.acoustics.types import Array, MicArray, Observation
+from echolearn.localization.columns import COVARIANCE_BANDS
 from echolearn.localization.silence import alike
 
 CACHED = 4
@@ -86,7 +87,7 @@ def compiled_covariance(recording: Array) -> Array:
     from echolearn.localization import covariance_loops
 
     windowed = covariance_loops.frames(recording, signals.hann(signals.STFT_FRAME))
-    return covariance_loops.covariance(fft.rfft(windowed))
+    return covariance_loops.frames_covariance(fft.rfft(windowed))
 
 
 def regularize(covariances: Array, gamma: float) -> Array:
@@ -233,3 +234,15 @@ class Mpdr:
             array = MicArray(observation.array.positions[~pattern])
             power[rows] = self(replace(observation, samples=samples, array=array))
         return power
+
+
+def band_average(covariances: Array) -> Array:
+    """Return covariances (B, F, M, M) averaged over equal bands: packed, trace M, without bin 0."""
+    # Bin 0 holds no echo, only offsets of the microphones.
+    bins = (covariances.shape[1] - 1) // COVARIANCE_BANDS
+    used = covariances[:, 1 : 1 + bins * COVARIANCE_BANDS]
+    banded = used.reshape(len(used), COVARIANCE_BANDS, bins, *used.shape[2:])
+    packed = pack_hermitian(banded.mean(axis=2))
+    microphones = covariances.shape[-1]
+    trace = packed[..., :microphones].sum(axis=-1, keepdims=True)
+    return (packed * microphones / np.maximum(trace, 1e-30)).astype(np.float32)

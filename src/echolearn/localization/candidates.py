@@ -14,9 +14,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from echolearn.acoustics.types import Array, Echoes
+from echolearn.acoustics.types import Array
 from echolearn.localization.columns import CANDIDATES
-from echolearn.localization.correlations import ratio
 
 DESCRIBED = (
     "score",
@@ -71,24 +70,3 @@ def candidates(columns: Mapping[str, Array], *, echoes: int) -> Array:
     whole = whole.reshape(-1, echoes, whole.shape[-1])[:, :CANDIDATES]
     missing = CANDIDATES - whole.shape[1]
     return np.pad(whole, [(0, 0), (0, missing), (0, 0)]).astype(np.float32)
-
-
-def neighbour_columns(echoes: Echoes, *, rank: int, sample_rate: float) -> dict[str, Array]:
-    """Return the columns that tell one of several echoes from the others, fields (B,).
-
-    Args:
-        echoes: fields (B, R).
-        rank: which of the R, from 0, the strongest.
-        sample_rate: in Hz.
-    """
-    others = np.delete(np.arange(echoes.toa.shape[1]), rank)
-    apart = np.abs(echoes.toa[:, others] - echoes.toa[:, rank, None])
-    nearest = apart.argmin(axis=-1)[:, None]
-    own = echoes.gain[:, rank]
-    return {
-        "rank": np.full(len(own), float(rank)),
-        "neighbour_lag": apart.min(axis=-1) * sample_rate,
-        "neighbour_gain": ratio(
-            np.take_along_axis(echoes.gain[:, others], nearest, axis=-1)[:, 0], own
-        ),
-    }

@@ -29,7 +29,7 @@ def frames(recording: Array, window: Array) -> Array:
     return found
 
 
-def covariance(spectra: Array) -> Array:
+def frames_covariance(spectra: Array) -> Array:
     """Return R from spectra (M, T, F), complex64, shape (F, M, M), complex64."""
     microphones, count, bins = spectra.shape
     sums = np.empty((bins, microphones, microphones), np.complex64)
@@ -68,7 +68,7 @@ def _add(re: Any, im: Any, re_n: Any, im_n: Any, sum_re: Any, sum_im: Any) -> No
 
 @njit(error_model="numpy", nogil=True)
 def _sum(spectra: Any, sums: Any) -> None:
-    """Write the sums over frames; see `covariance`."""
+    """Write the sums over frames; see `frames_covariance`."""
     microphones, count, bins = spectra.shape
     re = np.empty((microphones, bins), np.float32)
     im = np.empty((microphones, bins), np.float32)

@@ -13,7 +13,6 @@ from echolearn.acoustics.types import Array, Echoes
 from echolearn.localization import beamforming
 from echolearn.localization.correlations import ratio
 from echolearn.localization.matched_filter import PEAK_SPACING, SEGMENT, MatchedFilter, align
-from echolearn.localization.tensors import band_average
 
 
 def recording_columns(
@@ -27,7 +26,7 @@ def recording_columns(
     covariances = beamforming.recording_covariance(matched.observation)
     return (
         beam_columns(matched, covariances) if beams else {},
-        {"covariance": band_average(covariances)} if tensor else {},
+        {"covariance": beamforming.band_average(covariances)} if tensor else {},
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.localization.agreement import agreement_columns
-from echolearn.localization.candidates import candidates, neighbour_columns
+from echolearn.localization.candidates import candidates
 from echolearn.localization.cfar import cfar
 from echolearn.localization.columns import AGREEMENT, CFAR, COLUMNS, EVERY_TENSOR, TENSORS
 from echolearn.localization.correlation_map import correlation_map
@@ -23,7 +23,7 @@ from echolearn.localization.localizer import AUTO, Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.localization.separation import separate
 from echolearn.localization.tensors import echo_covariances
-from echolearn.localization.wall_echoes import wall_echoes
+from echolearn.localization.wall_echoes import neighbour_columns, wall_echoes
 
 
 def localize(

@@ -21,7 +21,6 @@ from scipy import fft
 
 from echolearn.acoustics.types import Array
 from echolearn.localization import beamforming
-from echolearn.localization.columns import COVARIANCE_BANDS
 from echolearn.localization.correlations import PAD, echo_model
 from echolearn.localization.matched_filter import SEGMENT, MatchedFilter, align, cut
 
@@ -53,7 +52,7 @@ def segment_covariance(segment: Array) -> Array:
     """Return the packed covariances of matched filters around an echo, (B, M, `SEGMENT`)."""
     window = np.hanning(SEGMENT + 1)[:-1]
     spectrum = fft.rfft(segment * window)[..., None]
-    return band_average(beamforming.covariance(spectrum))
+    return beamforming.band_average(beamforming.covariance(spectrum))
 
 
 def ideal_echo(matched: MatchedFilter) -> Array:
@@ -63,15 +62,3 @@ def ideal_echo(matched: MatchedFilter) -> Array:
     level = np.sqrt(np.mean(np.square(matched.correlation[:, 0]), axis=-1))
     # Lag 0 lies in the middle of the segment, where `align` puts the echo.
     return level[:, None, None] * (pulse[-SEGMENT:] / pulse[PAD])
-
-
-def band_average(covariances: Array) -> Array:
-    """Return covariances (B, F, M, M) averaged over equal bands: packed, trace M, without bin 0."""
-    # Bin 0 holds no echo, only offsets of the microphones.
-    bins = (covariances.shape[1] - 1) // COVARIANCE_BANDS
-    used = covariances[:, 1 : 1 + bins * COVARIANCE_BANDS]
-    banded = used.reshape(len(used), COVARIANCE_BANDS, bins, *used.shape[2:])
-    packed = beamforming.pack_hermitian(banded.mean(axis=2))
-    microphones = covariances.shape[-1]
-    trace = packed[..., :microphones].sum(axis=-1, keepdims=True)
-    return (packed * microphones / np.maximum(trace, 1e-30)).astype(np.float32)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from echolearn.acoustics.types import Array, Echoes, Observation
-from echolearn.localization.candidates import neighbour_columns
 from echolearn.localization.columns import SEVERAL
+from echolearn.localization.correlations import ratio
 from echolearn.localization.matched_filter import MatchedFilter
 
 LOWEST_SINE = 0.5
@@ -64,3 +64,24 @@ def wall_echoes(
 def on_no_axis(echoes: Echoes) -> Array:
     """Tell which echoes come from walls rather than floor or ceiling, shape (B, R), bool."""
     return np.asarray(np.sin(echoes.elevation) > LOWEST_SINE)
+
+
+def neighbour_columns(echoes: Echoes, *, rank: int, sample_rate: float) -> dict[str, Array]:
+    """Return the columns that tell one of several echoes from the others, fields (B,).
+
+    Args:
+        echoes: fields (B, R).
+        rank: which of the R, from 0, the strongest.
+        sample_rate: in Hz.
+    """
+    others = np.delete(np.arange(echoes.toa.shape[1]), rank)
+    apart = np.abs(echoes.toa[:, others] - echoes.toa[:, rank, None])
+    nearest = apart.argmin(axis=-1)[:, None]
+    own = echoes.gain[:, rank]
+    return {
+        "rank": np.full(len(own), float(rank)),
+        "neighbour_lag": apart.min(axis=-1) * sample_rate,
+        "neighbour_gain": ratio(
+            np.take_along_axis(echoes.gain[:, others], nearest, axis=-1)[:, 0], own
+        ),
+    }

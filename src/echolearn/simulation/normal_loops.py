@@ -56,7 +56,7 @@ def standard_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     return drawn
 
 
-def recorded(received: Array, direct: Array, noise: Array, *, gain: float) -> Array:
+def noisy_recording(received: Array, direct: Array, noise: Array, *, gain: float) -> Array:
     """Return (received - direct + noise) * gain, shape (M, N), in place of the noise.
 
     Args:
@@ -92,7 +92,8 @@ def _step(high: Any, low: Any, halves: Any) -> Any:
     product = low * LOW
     carried = product + halves[3]
     carry = np.uint64(carried < product)
-    return _upper(low, LOW) + high * LOW + low * HIGH + halves[2] + carry, carried  # type: ignore[call-arg]
+    upper: Any = _upper(low, LOW)  # type: ignore[call-arg]
+    return upper + high * LOW + low * HIGH + halves[2] + carry, carried
 
 
 @njit(error_model="numpy", nogil=True)
@@ -149,7 +150,7 @@ def _fill(drawn: Any, halves: Any, tables: Any) -> None:
 
 @njit(error_model="numpy", nogil=True)
 def _record(received: Any, direct: Any, noise: Any, gain: Any) -> None:
-    """Write a recording in place of its noise; see `recorded`."""
+    """Write a recording in place of its noise; see `noisy_recording`."""
     for m in range(len(noise)):
         # A response that reaches beyond the recording is no part of it.
         for n in range(noise.shape[1]):

@@ -70,10 +70,10 @@ def add_noise(
         rng: draws the noise.
         gain_db: gain of the recording, signal and noise alike.
     """
-    from echolearn.simulation.normal_loops import recorded
+    from echolearn.simulation.normal_loops import noisy_recording
 
     noise = noises(received, scene, length=scene.probe.length, levels=levels, rng=rng)
-    return recorded(received, scene.direct, noise, gain=10.0 ** (gain_db / 20.0))
+    return noisy_recording(received, scene.direct, noise, gain=10.0 ** (gain_db / 20.0))
 
 
 def noise_alone(

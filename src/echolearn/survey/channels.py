@@ -124,10 +124,11 @@ def _dead(walk: Walk, found: Verdicts) -> Array:
 def _clipped(walk: Walk, found: Verdicts, *, dead: Array) -> None:
     share = np.where(walk.used & ~dead, walk.levels.clipping, 0.0)
     clipped = share > level_rules.CLIPPED
-    soft = clipped & (walk.levels.steps < level_rules.STEPS)
+    soft = clipped & (walk.levels.level_steps < level_rules.STEPS)
     if soft.any():
+        count = walk.levels.level_steps[soft].min()
         line = (
-            f"too soft={walk.levels.steps[soft].min():.0f} steps of the converter between the "
+            f"too soft={count:.0f} steps of the converter between the "
             f"smallest and the largest sample at {_where(walk, soft)}: must be "
             f"{level_rules.STEPS} or more; record with more gain"
         )

@@ -74,7 +74,7 @@ class Levels(NamedTuple):
     hum: Array
     tones: tuple[float, ...]
     clipping: Array
-    steps: Array
+    level_steps: Array
     still: Array
     repeated: int
 
@@ -95,7 +95,7 @@ def measure_levels(samples: Array, probe: Probe) -> tuple[Levels, Array]:
         np.maximum(hum, 0.0),
         tones,
         share,
-        steps(samples, share > CLIPPED),
+        level_steps(samples, share > CLIPPED),
         np.array([still(channel) for channel in samples]),
         repeated(samples) or repeated_alone(samples),
     )
@@ -219,7 +219,7 @@ def clipping(samples: Array, burst: int) -> Array:
     return np.where(high[:, 0] > low[:, 0], most / burst, 0.0)
 
 
-def steps(samples: Array, which: Array) -> Array:
+def level_steps(samples: Array, which: Array) -> Array:
     """Return the steps between the smallest and the largest sample of some channels, shape (M,).
 
     Args:

@@ -91,7 +91,7 @@ def _has_echo(take: Take, measured: Measurements) -> bool:
     return bool(((path >= nearest) & (path <= farthest)).any())
 
 
-def resampled(measured: Measurements, samples: Array, *, rate: float) -> Array:
+def at_rate(measured: Measurements, samples: Array, *, rate: float) -> Array:
     """Return responses (..., K) at another rate: a polyphase filter without delay.
 
     Args:
@@ -126,7 +126,7 @@ def recorded_take(
     response = take.response
     rate = probe.sample_rate
     speed = measured.speed_of_sound
-    samples = resampled(measured, response.samples, rate=rate)
+    samples = at_rate(measured, response.samples, rate=rate)
     # Until then there is nothing but the direct sound.
     gate = (response.emitted + (response.distance + GATE) / speed) * rate
     direct = np.where(np.arange(samples.shape[-1]) < gate, samples, 0.0)

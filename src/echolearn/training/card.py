@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from echolearn.checks import check
-from echolearn.evaluation.calibration_rows import PAPER
-from echolearn.evaluation.rows import pick
+from echolearn.evaluation.rows import PAPER, pick
 from echolearn.storage import manifests
 
 SHOWN = {

@@ -43,29 +43,19 @@ def export(
     evidence: Sequence[str] = (),
     command: str | None = None,
 ) -> Path:
-    """Write the bundle of a run, and prove that it loads; a finished one is only proved.
+    """Write the bundle of a run, prove that it loads, and return its folder; once made, it is kept.
 
     Args:
-        run: folder of a finished run, or None.
-        best: folder of a comparison, whose chosen run is exported, or None; one of the two.
-        array: microphones that the run's set was made with.
-        probe: burst that it was made with.
-        runs: folder of everything generated; the bundle goes to `runs/bundles`.
-        name: name of the bundle's folder; that of the run unless given.
-        aim: what the cut shall do on the run's validation rows, see `operating_point`; None leaves
-            the run's own.
+        run, best: folder of a finished run, or of a comparison whose chosen run is exported.
+        array, probe: what the run's set was made with.
+        runs, name: the bundle goes to `runs/bundles/<name>`; named after its run unless given.
+        aim: what the cut shall do on validation rows; None leaves the run's (`operating_point`).
         resamples: bootstrap draws behind the intervals of its metrics.
-        card: Markdown page that is written about the bundle; None writes none.
-        evidence: folders of comparisons whose figures the page shows.
-        command: what makes the bundle again; None says nothing about it.
-
-    Returns:
-        The bundle's folder.
+        card, evidence: Markdown page about the bundle, if wanted; comparisons that it shows.
+        command: what makes the bundle again.
 
     Raises:
-        BadValue: a run, set or comparison that is missing or damaged, other microphones or another
-            probe than the set's, a localizer that cannot travel, a precision out of reach, or a
-            bundle of that name made from another run.
+        BadValue: what is missing, damaged, not the set's, cannot travel, is out of reach, or taken.
     """
     check_whole("resamples", resamples, low=20, high=100_000)
     wanted = None if aim is None else read_aim(aim)
@@ -73,27 +63,38 @@ def export(
     name = source.identity if name is None else name
     check_name("name", name)
     folder = Path(runs) / "bundles" / name
-
     # Everything is put together before the folder is touched: what fails leaves nothing.
     dataset = set_of(source)
-    own = source.threshold
-    source = source if wanted is None else cut_for(source, dataset, wanted)
-    about = bundle_description(source, dataset, array=array, probe=probe, resamples=resamples)
+    cut = source if wanted is None else cut_for(source, dataset, wanted)
+    about = bundle_description(cut, dataset, array=array, probe=probe, resamples=resamples)
     # A comparison speaks of the maps that the run's own cut leaves.
-    same = best is not None and source.threshold == own
-    about["metrics"]["maps"] = map_figures(Path(best or ""), source) if same else []
+    maps = map_figures(Path(best), cut) if best and cut.threshold == source.threshold else []
+    about["metrics"]["maps"] = maps
     about |= {"name": name, **manifests.command_entry(command)}
-    files = bundle_files(source, dataset, probe=probe)
+    files = bundle_files(cut, dataset, probe=probe)
     with locked(folder, waiting=f"{name}: waiting for another command that exports it"):
-        check_free(folder, source)
+        check_free(folder, cut)
         if not _holds(folder, about, files):
             _write(folder, about, files)
-    if card is not None:
-        plan = dataset.manifest["plan"]
-        told = [Path(name) for name in evidence]
-        page = card_of(load_json(folder / manifests.BUNDLE), plan=plan, evidence=told)
-        write_atomic(Path(card), page.encode())
+    if card:
+        _write_card(card, folder, plan=dataset.manifest["plan"], evidence=evidence)
     return folder
+
+
+def _write_card(
+    card: Path, folder: Path, *, plan: Mapping[str, Any], evidence: Sequence[str]
+) -> None:
+    """Write the page about a bundle.
+
+    Args:
+        card: its file.
+        folder: of the bundle.
+        plan: that its set was made by.
+        evidence: folders of comparisons whose figures it shows.
+    """
+    told = [Path(name) for name in evidence]
+    page = card_of(load_json(folder / manifests.BUNDLE), plan=plan, evidence=told)
+    write_atomic(Path(card), page.encode())
 
 
 def find_run(run: Path | None, best: Path | None) -> Run:

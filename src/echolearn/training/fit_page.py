@@ -49,7 +49,7 @@ class Fit:
     parts: Mapping[str, Path]
 
 
-def page_of(fit: Fit) -> bytes:
+def fit_page(fit: Fit) -> bytes:
     """Return the page."""
     about = manifests.load_manifest(fit.parts["map"])
     drawing = fit.parts["map"] / "map.svg"
@@ -58,9 +58,9 @@ def page_of(fit: Fit) -> bytes:
         "heard": _items([*_health_lines(fit.health), *fit.told]),
         "counts": escape(_counts(about)),
         "map": drawing.read_text() if about.get("points") else "",
-        "expected": escape(expected(fit.result)),
+        "expected": escape(worth_line(fit.result)),
         "advice": _items(advice(fit, about)),
-        "steps": _items(steps(fit)),
+        "steps": _items(next_steps(fit)),
     }
     text = (resources.files("echolearn.training") / "templates" / PAGE).read_text()
     return Template(text).substitute(filled).encode()
@@ -97,7 +97,7 @@ def _counts(about: Mapping[str, Any]) -> str:
     )
 
 
-def expected(result: Mapping[str, Any]) -> str:
+def worth_line(result: Mapping[str, Any]) -> str:
     """Return how well a run did on simulated positions that nothing was fitted to."""
     test = result["test"]
     shown = {"precision": "of what it keeps is true", "recall": "of what is true is kept"}
@@ -126,7 +126,7 @@ def advice(fit: Fit, about: Mapping[str, Any]) -> list[str]:
     return lines or ["Nothing stands out."]
 
 
-def steps(fit: Fit) -> list[str]:
+def next_steps(fit: Fit) -> list[str]:
     """Return commands that go on from here."""
     survey = assignment("survey", str(fit.walk.folder))
     bundle = assignment("bundle", str(fit.parts["bundle"]))

@@ -31,7 +31,7 @@ from echolearn.survey.health import Health, mended
 from echolearn.survey.proof import read_proved
 from echolearn.survey.reach import Reach, reach_of
 from echolearn.survey.survey import Survey
-from echolearn.training.fit_page import PAGE, Fit, page_of
+from echolearn.training.fit_page import PAGE, Fit, fit_page
 
 RANGE_OF_T60 = (0.6, 1.5)
 """Factors of the reverberation time that was heard, between which rooms are drawn."""
@@ -140,7 +140,7 @@ def finish_fit(
     """
     fit = Fit(order.folder.name, order.walk, order.health, order.told, result, parts)
     about = {"kind": "fit", "parts": {key: path.name for key, path in parts.items()}}
-    _write(order.folder, page_of(fit), about=about | manifests.command_entry(command))
+    _write(order.folder, fit_page(fit), about=about | manifests.command_entry(command))
     return order.folder / PAGE
 
 

@@ -56,13 +56,15 @@ def write_events(
         for tag, values in curves.items():
             for step, value in enumerate(values):
                 writer.add_scalar(tag, value, step)
-        writer.add_figure("test/reliability", reliability(reference, confidence), close=False)
+        writer.add_figure(
+            "test/reliability", reliability_diagram(reference, confidence), close=False
+        )
         _, *session = hparams(parameters, dict(scalars))
         for summary in session:
             writer.file_writer.add_summary(summary)
 
 
-def reliability(reference: Array, confidence: Array) -> Figure:
+def reliability_diagram(reference: Array, confidence: Array) -> Figure:
     """Draw what share of the echoes of about one confidence are true.
 
     Args:

@@ -29,7 +29,13 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check, check_choice, check_name
-from echolearn.classifiers.calibration import METHODS, PLATT, Calibrated, calibrate, described
+from echolearn.classifiers.calibration import (
+    METHODS,
+    PLATT,
+    Calibrated,
+    calibrate,
+    plain_calibration,
+)
 from echolearn.classifiers.classifier import Classifier, Examples
 from echolearn.classifiers.inputs import Rows
 from echolearn.classifiers.operating_point import BALANCED, point_of, read_aim
@@ -64,7 +70,7 @@ def train(
     without: Sequence[str] = (),
     command: str | None = None,
 ) -> Metrics:
-    """Fit, calibrate, export and evaluate one classifier, unless that has been done.
+    """Fit, calibrate, export and evaluate one classifier, once; return what `metrics.json` holds.
 
     Args:
         problem: what to learn from which rows; its seed is the classifier's too.
@@ -72,39 +78,28 @@ def train(
         classifier: makes it, unfitted; called only if the run is not finished yet.
         config: what `classifier` is made from, as plain containers; part of the run's identity.
         runs: folder of everything generated.
-        folds: folds of a cross-validation on all that is not for testing (the paper has 5), or 0.
-        calibration: one of `calibration.METHODS`.
-        aim: what the cut shall do on validation rows, see `operating_point`.
+        folds: of a cross-validation on all that is not for testing (the paper has 5), or 0.
+        calibration, aim: way to confidences, and what their cut shall do (`operating_point`).
         microphones: positions in the set's recordings, shape (M, 3), in m, for the metrics: by them
-            other recordings are known to be of the same array; None says nothing about them.
-        without: columns that `classifier` does without and `name` alone would let expect, for the
-            metrics: by them an ablation is known.
-        command: what makes the run again, for its metrics; None says nothing about it.
-
-    Returns:
-        The content of the run's `metrics.json`.
+            other recordings are known to be of the same array.
+        without: columns that an ablation leaves out, for the metrics.
+        command: what makes the run again, for its metrics.
 
     Raises:
-        BadValue: an argument out of range, a column that the set lacks, a part without both labels,
-            a full disk.
+        BadValue: an argument out of range, a column that the set lacks, a part of one label alone.
     """
     _check(name, folds, calibration=calibration)
     about = {"format": FORMAT, "name": name, "classifier": dict(config), "folds": folds}
-    identity = about | {"problem": problem.identity()}
-    # Runs of before, which had no choice, keep their names.
-    chosen = {"calibration": calibration, "aim": str(read_aim(aim))}
-    usual = {"calibration": PLATT, "aim": BALANCED}
-    identity |= {key: value for key, value in chosen.items() if value != usual[key]}
+    identity = about | {"problem": problem.identity()} | _unusual(calibration, aim)
     title = f"{name}-{problem.dataset.name}-s{problem.seed}"
     folder = Path(runs) / "train" / f"{title}-{digest(identity)}"
     finished = partial(finished_metrics, folder, identity)
-    found = finished()
-    if found is not None:
+    if (found := finished()) is not None:
         return found
-
     # What is wrong with the classifier or the set is told before anything is written.
     problem.inputs(classifier().inputs)
     problem.parts()
+
     from echolearn.training.tensorboard import writable
 
     told = _told(command, microphones, without)
@@ -128,6 +123,16 @@ def _told(command: str | None, microphones: Array | None, without: Sequence[str]
     if microphones is not None:
         told["microphones"] = np.asarray(microphones).tolist()
     return told
+
+
+def _unusual(calibration: str, aim: str) -> dict[str, str]:
+    """Return what a run's identity says of calibration and cut.
+
+    Runs of before, which had no choice, keep their names.
+    """
+    chosen = {"calibration": calibration, "aim": str(read_aim(aim))}
+    usual = {"calibration": PLATT, "aim": BALANCED}
+    return {key: value for key, value in chosen.items() if value != usual[key]}
 
 
 def finished_metrics(folder: Path, identity: Mapping[str, Any]) -> Metrics | None:
@@ -190,16 +195,43 @@ def make_run(
         "test": evaluate_rows(fitted, problem, rows=parts.test),
     }
     # TensorBoard and the times come before the metrics, whose presence says that all is there.
-    from echolearn.training.tensorboard import write_events
-
-    confidence = fitted.confidence(x.part(parts.test))
-    shown = {"reference": problem.labels()[parts.test], "confidence": confidence}
-    curves = getattr(fitted.classifier, "curves", {})
-    write_events(folder, identity=identity, result=result, **shown, curves=curves)
+    _show(fitted, problem, rows=parts.test, folder=folder, result=result, identity=identity)
     total = time.monotonic() - began
     files.save_json(folder / "timing.json", {"fit": round(fitting, 3), "total": round(total, 3)})
     _report(result, total)
     return manifests.finish(folder, result, [CONFIG, MODEL], last=manifests.METRICS)
+
+
+def _show(
+    fitted: Calibrated,
+    problem: LearningProblem,
+    *,
+    rows: Array,
+    folder: Path,
+    result: Metrics,
+    identity: Mapping[str, Any],
+) -> None:
+    """Write what TensorBoard shows of a run.
+
+    Args:
+        fitted: classifier with its calibration.
+        problem: what it has learned.
+        rows: test rows of the problem's set, shape (B,).
+        folder: of the run.
+        result: its metrics.
+        identity: what it is made from.
+    """
+    from echolearn.training.tensorboard import write_events
+
+    x = problem.inputs(fitted.classifier.inputs).part(rows)
+    write_events(
+        folder,
+        identity=identity,
+        result=result,
+        reference=problem.labels()[rows],
+        confidence=fitted.confidence(x),
+        curves=getattr(fitted.classifier, "curves", {}),
+    )
 
 
 def fit_calibrated(
@@ -245,7 +277,7 @@ def facts_of(fitted: Calibrated) -> Metrics:
         "inputs": list(model.inputs),
         "threshold": fitted.threshold,
         "operating_point": point_of(fitted.point) | {"missed": fitted.missed or None},
-        "calibration": described(fitted),
+        "calibration": plain_calibration(fitted),
         "grid_search": getattr(model, "cross_validation", None),
         "accelerator": getattr(model, "device", "cpu"),
     }
