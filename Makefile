@@ -87,10 +87,12 @@ LEARN = $(RUN) train -m -j $(JOBS)
 # The recipe of the bundle that comes along, and, on fewer rows, of one for the array of R3VIVAL, judged on measured sound.
 POINT = $(RUNS)/point
 JUDGED = runs=$(POINT)/measured scene=octahedron plan.rows=4000
+# The rooms that it learned in are smaller than those of the plan.
+SMALLER := plan.size_low=[4.0,4.0,2.6] plan.size_high=[14.0,12.0,7.0] plan.t60=[0.3,1.0]
 
 point: $(READY) ## the bundle `point` that comes along, made anew: sets, filter, comparisons, docs/cards/point.md
-	$(RUN) generate -m plan=varied -- runs=$(POINT) -- $(JUDGED)
-	$(LEARN) plan=varied classifier=trees_invariant -- runs=$(POINT) -- $(JUDGED)
+	$(RUN) generate -m plan=varied $(SMALLER) -- runs=$(POINT) -- $(JUDGED)
+	$(LEARN) plan=varied $(SMALLER) classifier=trees_invariant -- runs=$(POINT) -- $(JUDGED)
 	$(RUN) generate -m runs=$(POINT) plan=offgrid_8x6x5,offgrid_13x11x5 'plan.further=[$(FURTHER)]'
 	$(RUN) compare runs=$(POINT) name=point 'tested=[offgrid_8x6x5,offgrid_13x11x5]' surveys=[]
 	$(RUN) import -m -j $(JOBS) runs=$(POINT)/measured snr_db=$(LEVELS) draw=0,1

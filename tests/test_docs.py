@@ -12,7 +12,7 @@ from runpy import run_path
 
 import pytest
 
-from echolearn.cli import own
+from echolearn.cli import compose, own
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
@@ -60,6 +60,9 @@ def test_shown_configurations_compose_build_and_have_all_keys(extended, monkeypa
     """As those do that are there already, among which they are found."""
     found_by = extended / "src" / "echolearn" / "cli" / "own.py"
     monkeypatch.setitem(own.folder.__globals__, "__file__", str(found_by))
+    # What tests before have composed is remembered by the folder of the others.
+    for remembered in (compose._options, compose._join, compose._parse):
+        remembered.cache_clear()
     for name in FILES:
         room = Path(name).parent
         if room.parts[0] == "src":

@@ -25,8 +25,8 @@ from echolearn.bench.run import PAGE, REPETITIONS, SCALING, STAGES, StagesFailed
 from echolearn.bench.sets import steady_rates
 from echolearn.checks import BadValue
 from echolearn.cli.commands import localizers
-from echolearn.cli.config import folder as conf
 from echolearn.cli.main import main
+from echolearn.cli.own import folder as conf
 from echolearn.runtime.timing import Spread
 from echolearn.simulation.realism import Realism
 from echolearn.simulation.rir.images import Images

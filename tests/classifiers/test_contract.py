@@ -15,11 +15,11 @@ from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.inputs import view_of
 from echolearn.classifiers.methods.ensemble import Ensemble
 from echolearn.classifiers.methods.network import Network
-from echolearn.cli import config
+from echolearn.cli import config, own
 from echolearn.evaluation.metrics import auc
 from echolearn.localization.columns import MAP_SECTORS
 
-NAMES = sorted(path.stem for path in (config.folder() / "classifier").glob("*.yaml"))
+NAMES = sorted(path.stem for path in (own.folder() / "classifier").glob("*.yaml"))
 QUICK = {
     "Network": {"epochs": 12, "patience": 12, "batch_size": 32, "lr": 5e-3},
     "Svm": {"c_grid": [1.0, 10.0], "gamma_grid": [0.01, 0.1]},
@@ -29,7 +29,7 @@ QUICK = {
 
 def plain(name):
     """Return a classifier's configuration as the command line composes it."""
-    with initialize_config_dir(str(config.folder()), version_base=None):
+    with initialize_config_dir(str(own.folder()), version_base=None):
         composed = compose(overrides=[f"+classifier={name}"])
     return OmegaConf.to_container(composed, resolve=True)["classifier"]
 
@@ -111,7 +111,7 @@ def test_the_configurations_of_the_plan_are_there():
 
 
 def test_configuration_is_a_call_that_can_be_made_as_it_stands(name):
-    text = (config.folder() / "classifier" / f"{name}.yaml").read_text()
+    text = (own.folder() / "classifier" / f"{name}.yaml").read_text()
     assert text.startswith("_target_: echolearn.classifiers.methods.")
     views = {"covnet": "covariance", "mapnet": "map", "posenet": "pose"}
     view = views.get(name.partition("_")[0], "features")

@@ -10,14 +10,14 @@ from echolearn.acoustics.rooms import true_echoes
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue
-from echolearn.cli import config
+from echolearn.cli import config, own
 from echolearn.cli.compose import compose
 from echolearn.localization.methods.joint import Joint
 from echolearn.studies.accuracy import METRICS
 from echolearn.studies.estimates import estimate
 from echolearn.studies.study import Study
 
-EXPERIMENTS = sorted(path.stem for path in (config.folder() / "experiment").glob("*.yaml"))
+EXPERIMENTS = sorted(path.stem for path in (own.folder() / "experiment").glob("*.yaml"))
 ON_MAP = METRICS.index("on_map")
 HALL = Room((8.0, 6.0, 5.0), 0.6)
 TRIANGLE = PolygonRoom(((0.0, 0.0), (9.0, 0.0), (4.0, 8.0)), 5.0, 0.4)
