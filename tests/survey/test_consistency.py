@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
+import recorded_walks
+from echolearn.simulation.walk import trajectory
 from echolearn.survey.consistency import Heard, inconsistency
+from echolearn.survey.examining import examine
+from echolearn.survey.mending import taken_off
+from echolearn.survey.reader import read_survey
 
 SIZE = np.array([7.0, 5.0])
 """m of a room whose corner is the origin."""
@@ -90,3 +95,17 @@ def test_nothing_is_said_where_nothing_tells(change):
 def test_a_single_pose_says_nothing():
     alone = [each[:1] for each in walk(3)]
     assert inconsistency(Heard(*alone)) == ""
+
+
+def test_recordings_late_each_by_its_own_count_as_mended(tmp_path):
+    """What is told of poses is told of echoes as they are once time zero is mended."""
+    recorded = recorded_walks.walk(direct=True, poses=48)
+    lags = 7 + 31 * np.arange(48) % 220
+    late = np.stack([taken_off(each, -lag) for each, lag in zip(recorded, lags, strict=True)])
+    poses = trajectory(recorded_walks.ROOM, poses=48)
+    recorded_walks.write(
+        tmp_path / "late", 0.2 * late / np.abs(late).max(), direct=True, poses=poses
+    )
+    health = examine(read_survey(tmp_path / "late"))
+    assert "later than geometry says" in health.mended[0]
+    assert health.noticed == ()

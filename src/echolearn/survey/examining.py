@@ -80,7 +80,7 @@ def examine(survey: Survey) -> Health:
         noticed=(
             *verdicts.noticed,
             *zero.noticed,
-            *(() if _half_turned(mending) else _moving(walk)),
+            *(() if _half_turned(mending) else _moving(walk, mending)),
             *hidden.hidden_lines(walk, verdicts.alive),
             *_reversed(signs, walk.numbers),
             *removal.removal_lines(survey, removed),
@@ -188,16 +188,18 @@ def _reversed(sign: Array, numbers: Sequence[object]) -> list[str]:
     return [f"the strongest echo is negative in {100 * share:.0f} % of {seen} recordings; {either}"]
 
 
-def _moving(walk: Walk) -> list[str]:
+def _moving(walk: Walk, mending: Mending) -> list[str]:
     """Return the line on poses with which the echoes do not move, if they do not."""
     survey = walk.survey
     metres = survey.speed_of_sound / survey.probe.sample_rate
+    # Echoes were measured before anything is mended.
+    late = np.asarray(mending.latency)[:, None]
     order = np.argsort(survey.numbers)
     poses = [survey.poses[place] for place in order]
     heard = Heard(
         places=np.array([pose.position[:2] for pose in poses]),
         headings=np.array([pose.heading for pose in poses]),
-        distance=metres / 2 * np.asarray(walk.echo.path)[order],
+        distance=metres / 2 * (np.asarray(walk.echo.path) - late)[order],
         azimuth=np.asarray(walk.echo.azimuth)[order],
     )
     line = inconsistency(heard)
