@@ -58,6 +58,23 @@ def test_a_gain_changes_no_filter_of_ratios_and_noise_changes_all(inputs):
     assert quiet["ceiling"] < louder["ceiling"]
 
 
+def test_where_positions_were_trained_at_only_those_held_out_count(inputs, world, tmp_path):
+    trained = load_inputs(world.runs, tested=["scattered"], surveys=[], localizers={})
+    [scattered] = [plan for plan in plans() if plan.name == "scattered"]
+    louder = write_set(replace(scattered, name="louder", gain_db=(12.0, 12.0)), tmp_path)
+    both = replace(trained, sets={**trained.sets, "louder": louder})
+    rows = pick(evaluate_conditions(both, resamples=30), trained_on="scattered")
+    assert {row["tested_on"] for row in rows} == {"louder"}
+
+    about = {"trained_on": "scattered", "classifier": "threshold_peak", "target": "reflector"}
+    [row] = pick(rows, **about)
+    [model] = [each for each in both.models if pick([each._asdict()], **about)]
+    answers = [predict_rows(run, louder, held_out=True) for run in both.models[model]]
+    assert all(0 < len(each.rows) < len(louder) / 2 for each in answers)
+    areas = [auc(louder["reflector"][each.rows], each.confidence) for each in answers]
+    assert row["auc"] == pytest.approx(np.mean(areas))
+
+
 def test_locked_is_what_is_within_two_samples_of_an_echo(inputs):
     dataset = inputs.sets["offgrid_hall"]
     told = locked_on(dataset)

@@ -248,11 +248,15 @@ def fitting_set(
 def evaluate_conditions(inputs: Inputs, *, resamples: int) -> list[Row]:
     """Return the rows about sets that repeat positions of others under another condition."""
     repeated = under_conditions(inputs.sets)
+    names = {*repeated, *repeated.values()}
+    # Who was trained at these positions is asked only about those that its split held out.
+    trained = {run.data_digest for runs in inputs.models.values() for run in runs}
+    known = any(inputs.sets[name].digest in trained for name in names)
     given: dict[Model, dict[str, list[Predictions]]] = {}
-    for name in {*repeated, *repeated.values()}:
+    for name in names:
         fit, _ = fitting_set(inputs.models, inputs.sets[name], inputs.robots)
         for model, runs in fit.items():
-            answers = [predict_rows(run, inputs.sets[name]) for run in runs]
+            answers = [predict_rows(run, inputs.sets[name], held_out=known) for run in runs]
             given.setdefault(model, {})[name] = answers
     about: dict[str, Any] = {"sets": inputs.sets, "resamples": resamples}
     return [row for model in given for row in changes(model, given[model], **about)]

@@ -63,7 +63,8 @@ def changes(
     target = model.target or PAPER
     for name, other in under_conditions(sets).items():
         if name in given and other in given:
-            here, there = (_Heard.of(sets[key], given[key], target=target) for key in (name, other))
+            here = _Heard.of(sets[name], given[name], target=target)
+            there = _Heard.of(sets[other], given[other], target=target)
             weights = stats.cluster_weights(sets[name]["group"], resamples=resamples)
             found = stats.interval(partial(_difference, here, there), weights)
             yield {
@@ -82,10 +83,10 @@ def changes(
 
 
 class _Heard(NamedTuple):
-    """One set as a model hears it: truth (B,), confidences (B,) of each seed, the ceiling's AUC."""
+    """One set as a model hears it: truth (B,), what each seed says, the ceiling's AUC."""
 
     truth: Array
-    said: Sequence[Array]
+    given: Sequence[Predictions]
     ceiling: float
 
     @classmethod
@@ -94,12 +95,15 @@ class _Heard(NamedTuple):
         truth = dataset[target].astype(bool)
         # True by chance, without an echo at that time, cannot be told from false.
         ceiling = float(metrics.auc(truth, locked_on(dataset) * truth))
-        return cls(truth, [each.confidence for each in given], ceiling)
+        return cls(truth, given, ceiling)
 
     def auc(self, weights: Array | None) -> Array:
         """Return the mean AUC over seeds, for weights (..., B) or None."""
-        each = [metrics.auc(self.truth, said, weights=weights) for said in self.said]
-        mean: Array = np.mean(each, axis=0)
+        areas = []
+        for each in self.given:
+            drawn = None if weights is None else weights[..., each.rows]
+            areas.append(metrics.auc(self.truth[each.rows], each.confidence, weights=drawn))
+        mean: Array = np.mean(areas, axis=0)
         return mean
 
 
