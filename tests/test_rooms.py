@@ -27,8 +27,8 @@ OWNERS = {
     "hydra omegaconf": ["cli"],
     "yaml": ["cli", "survey"],
     "lightning safetensors sklearn": ["classifiers"],
-    # An engine of room impulse responses sums on a GPU.
-    "torch": ["classifiers", "training", "simulation"],
+    # Room impulse responses and the matched filters of sets are computed on a GPU, if asked.
+    "torch": ["classifiers", "training", "simulation", "dataset"],
     "onnx": ["bench", "classifiers"],
     "onnxruntime": ["classifiers", "robot"],
     "pyroomacoustics llvmlite": ["simulation"],

@@ -147,6 +147,12 @@ def test_rooms_of_other_outlines_are_timed_beside_a_box_as_large(rows):
         assert (row["reference"] == "") == (variant == "images, a box")
 
 
+def test_torch_is_timed_beside_the_compiled_filters_at_every_batch_size(rows):
+    found = pick(rows, stage="localize", variant="torch on the CPU", measure="wall")
+    assert [row["value"] for row in found] == ["1", "4"]
+    assert {row["reference"] for row in found} == {"matched filters and J"}
+
+
 def test_every_run_is_timed_one_row_at_a_time_and_many(rows, world):
     fitted = [row["variant"] for row in pick(rows, stage="train", measure="fit")]
     assert sorted(fitted) == sorted(path.name for path in (world.runs / "train").iterdir())

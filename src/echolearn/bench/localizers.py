@@ -2,7 +2,8 @@
 
 The peer is `literal`: what the paper prints, loop by loop, for one observation. EM-MC with one echo
 repeats the same search in each iteration; its peer is charged for one. The paper's own times,
-MATLAB on another machine, are named for scale only.
+MATLAB on another machine, are named for scale only. Matched filters and the steered response, which
+all of them share, are timed by torch, too, on a GPU where there is one.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -10,14 +11,17 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Observation
 from echolearn.bench import equations
 from echolearn.bench.measurement import Measurement, Setting, observations
+from echolearn.dataset.torch_filters import filters_of
 from echolearn.localization.beamforming import Mpdr, azimuth_grid
 from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant, ratios
+from echolearn.simulation.rir.torch_images import cuda_is_there
 from echolearn.storage.identity import kind_of
 
 PAPER = {"peaks": 0.0063, "em": 63.25, "mclam": 60.65, "snls": 10.14}
@@ -34,6 +38,10 @@ def time_localizers(setting: Setting) -> Iterator[Measurement]:
         for count, scene in setting.rings.items()
     }
     about = {"parameter": "batch", "value": setting.batch}
+    for count in sorted({1, min(8, setting.batch), setting.batch}):
+        some = replace(observation, samples=observation.samples[:count])
+        engines = filtering(some, setting.plan.window)
+        yield from setting.compare("localize", engines, parameter="batch", value=count)
     # The paper times its two searches together; apart they show which of them costs.
     forms = literal(setting.plan, observation)
     for name, search in searches(setting, observation).items():
@@ -57,6 +65,20 @@ def time_localizers(setting: Setting) -> Iterator[Measurement]:
             for count, finer in on_grids(localizer, setting.azimuths).items()
         }
         yield from setting.grow("localize", name, parameter="azimuths", contestants=by_grid)
+
+
+def filtering(observation: Observation, window: SearchWindow) -> dict[str, Contestant]:
+    """Return matched filters and steered response at work, compiled and by torch."""
+    engines = {"matched filters and J": "compiled", "torch on the CPU": "cpu"}
+    if cuda_is_there():
+        engines["torch on the GPU"] = "cuda"
+
+    def steered(name: str) -> object:
+        """Compute both, as a view does once for all."""
+        return MatchedFilter(observation, window, filters=filters_of(name)).steered
+
+    units = len(observation.samples)
+    return {said: Contestant(partial(steered, name), units) for said, name in engines.items()}
 
 
 def searches(setting: Setting, observation: Observation) -> dict[str, Contestant]:

@@ -44,6 +44,12 @@ OUTLINES: dict[str, AnyRoom] = {
     "images, five corners": PolygonRoom(
         ((0.0, 0.0), (9.49, 0.79), (11.07, 6.32), (4.74, 9.49), (-0.79, 5.53)), 6.0, 0.6
     ),
+    "images, a pillar": PolygonRoom(
+        ((0.0, 0.0), (10.0, 0.0), (10.0, 8.0), (0.0, 8.0)),
+        6.0,
+        0.6,
+        pillars=(((6.0, 5.0), (6.5, 5.0), (6.5, 5.5), (6.0, 5.5)),),
+    ),
 }
 """Rooms with 80 m^2 of floor, 6 m high."""
 

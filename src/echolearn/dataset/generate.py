@@ -101,7 +101,9 @@ def _write(shard: int, *, plan: Plan, mark: Path) -> None:
     """Write one shard beside the mark by which a worker knows the folder."""
     check(mark.is_file(), "runs", mark.parent, allowed=SHARED)
     rows = range(len(plan))[shard * plan.shard_rows :][: plan.shard_rows]
-    blocks = [records(plan, block) for block in row_blocks(rows)]
+    # A device is given all at once: it idles over few.
+    parts = row_blocks(rows) if plan.matched_filters == "compiled" else [rows]
+    blocks = [records(plan, part) for part in parts]
     manifests.write_shard(mark.parent, shard, np.concatenate(blocks))
 
 

@@ -22,6 +22,7 @@ from echolearn.checks import (
     BadValue,
     Range,
     check,
+    check_choice,
     check_fields,
     check_list,
     check_name,
@@ -40,6 +41,8 @@ ROLES = ("training", "grid", "test")
 """What a set is for: `training` classifiers that are to be used; `grid`, positions on a grid as in
 the paper, where few distances from the walls can be memorised; `test` alone, never training."""
 
+MATCHED_FILTERS = ("compiled", "cuda", "cpu")
+"""What can compute matched filters: compiled transforms, or torch on one of its devices."""
 
 RANGES: dict[str, Range] = {"seed": (0, 10**9), "rows": (1, 10**9), "shard_rows": (1, 4096, "rows")}
 """Least and largest value of a field that is a whole number."""
@@ -99,6 +102,7 @@ class GridPlan:
         role: what the set is for, see `ROLES`; no row depends on it.
         realism: ranges of what is not ideal; each row draws its own.
         further: names of what rows hold besides the columns and tensors of every set, of `FURTHER`.
+        matched_filters: what computes them, of `MATCHED_FILTERS`.
     """
 
     name: str
@@ -118,6 +122,7 @@ class GridPlan:
     role: str = "grid"
     realism: Realism = field(default=Realism(), metadata=LATER)
     further: tuple[str, ...] = field(default=(), metadata=LATER)
+    matched_filters: str = field(default="compiled", metadata=LATER)
 
     def __post_init__(self) -> None:
         hint = "the paper's grid has 0.5 m"
@@ -195,6 +200,7 @@ class ScatteredPlan:
         role: what the set is for, see `ROLES`; no row depends on it.
         realism: ranges of what is not ideal; each row draws its own.
         further: names of what rows hold besides the columns and tensors of every set, of `FURTHER`.
+        matched_filters: what computes them, of `MATCHED_FILTERS`.
         rooms: outlines, of `drawn_rooms.ECHOES`; each row draws one.
     """
 
@@ -217,6 +223,7 @@ class ScatteredPlan:
     role: str = "training"
     realism: Realism = field(default=Realism(), metadata=LATER)
     further: tuple[str, ...] = field(default=(), metadata=LATER)
+    matched_filters: str = field(default="compiled", metadata=LATER)
     rooms: tuple[str, ...] = field(default=("box",), metadata=LATER)
 
     def __post_init__(self) -> None:
@@ -284,6 +291,7 @@ def _check_common(plan: Plan, snr_levels: Sequence[float] | None = None) -> None
     """Raise `BadValue` for what no plan can be."""
     check_name("plan.name", plan.name)
     check(plan.role in ROLES, "plan.role", plan.role, allowed=f"must be {' or '.join(ROLES)}")
+    check_choice("plan.matched_filters", plan.matched_filters, *MATCHED_FILTERS)
     check_fields("plan", plan, ranges=RANGES)
     for name, limits in vars(plan).items():
         if name in DRAWN and limits is not None:

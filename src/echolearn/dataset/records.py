@@ -40,6 +40,7 @@ from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array, Observation
 from echolearn.dataset import derived
 from echolearn.dataset.plans import Plan, Spot
+from echolearn.dataset.torch_filters import filters_of
 from echolearn.evaluation.map_metrics import MAP_TOLERANCE
 from echolearn.evaluation.matching import (
     TOA_TOLERANCE_SAMPLES,
@@ -67,7 +68,9 @@ def records(plan: Plan, rows: range) -> Array:
 
     observation, spots = recordings_of(plan, rows)
     names = (*COLUMNS, *TENSORS, *plan.further)
-    echoes, columns = localize(observation, plan.localizer, names=names)
+    echoes, columns = localize(
+        observation, plan.localizer, names=names, filters=filters_of(plan.matched_filters)
+    )
     estimates = np.stack([echoes.toa, echoes.azimuth, echoes.elevation], axis=-1)
     contexts = [_context(spot) for spot in spots]
     for name in contexts[0]:

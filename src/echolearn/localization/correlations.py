@@ -61,7 +61,7 @@ def steered_response(
     """
     azimuth, elevation = directions
     size = correlation.shape[-1]
-    phases = _steering_phases(array, azimuth.tobytes(), elevation.tobytes(), size, scale)
+    phases = steering_phases(array, azimuth.tobytes(), elevation.tobytes(), size, scale)
 
     # One matrix product per bin sums the microphones for all directions; single precision halves
     # its time and costs 1e-5 of the peak.
@@ -70,7 +70,7 @@ def steered_response(
 
 
 @lru_cache(maxsize=8)
-def _steering_phases(
+def steering_phases(
     array: MicArray, azimuth: bytes, elevation: bytes, size: int, scale: float
 ) -> Array:
     """Return the phases exp(j omega eta_m) that align microphones, shape (F, M, A), complex64."""

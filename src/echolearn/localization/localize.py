@@ -20,14 +20,18 @@ from echolearn.localization.columns import AGREEMENT, CFAR, COLUMNS, EVERY_TENSO
 from echolearn.localization.correlation_map import correlation_map
 from echolearn.localization.features import echo_columns, recording_columns, steered_columns
 from echolearn.localization.localizer import AUTO, Localizer
-from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.matched_filter import COMPILED, Filters, MatchedFilter
 from echolearn.localization.separation import separate
 from echolearn.localization.tensors import echo_covariances
 from echolearn.localization.wall_echoes import neighbour_columns, wall_echoes
 
 
 def localize(
-    observation: Observation, localizer: Localizer, *, names: Collection[str] = (*COLUMNS, *TENSORS)
+    observation: Observation,
+    localizer: Localizer,
+    *,
+    names: Collection[str] = (*COLUMNS, *TENSORS),
+    filters: Filters = COMPILED,
 ) -> tuple[Echoes, dict[str, Array]]:
     """Estimate the echoes of recordings, and describe them.
 
@@ -36,6 +40,7 @@ def localize(
         localizer: estimates R echoes of each in its search window.
         names: columns and tensors that are wanted (`features`); what is costly and only good for
             others is left out.
+        filters: what computes the matched filters.
 
     Returns:
         The echoes, fields (B, R), and their columns by name, a row for each of B * R echoes,
@@ -44,7 +49,7 @@ def localize(
     Raises:
         BadValue: recordings that cannot be analysed (`faults`).
     """
-    view = MatchedFilter(observation, localizer.window)
+    view = MatchedFilter(observation, localizer.window, filters=filters)
     if localizer.sign == "either":
         view = view.upright()
     if localizer.echoes == AUTO:

@@ -12,7 +12,7 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.checks import Range, check, check_choice, check_fields
 from echolearn.localization.correlations import PAD
-from echolearn.localization.matched_filter import MatchedFilter, check_echoes
+from echolearn.localization.matched_filter import COMPILED, MatchedFilter, check_echoes
 from echolearn.localization.silence import warn_of_silent
 from echolearn.localization.whitening import whitened
 
@@ -137,11 +137,12 @@ def prepare(
     )
     grid = (localizer.window, localizer.azimuths)
     if view is None or (view.window, view.azimuths) != grid:
-        view = MatchedFilter(observation, *grid)
+        filters = COMPILED if view is None else view.filters
+        view = MatchedFilter(observation, *grid, filters=filters)
     if localizer.whiten:
         touched = view.last + PAD + len(observation.probe.samples)
         quiet = whitened(observation, samples=None if whole else touched)
-        view = MatchedFilter(quiet, *grid, white=True)
+        view = MatchedFilter(quiet, *grid, white=True, filters=view.filters)
     if localizer.sign == "either":
         view = view.upright()
     check_echoes(view, returned(localizer))

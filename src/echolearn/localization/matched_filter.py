@@ -5,6 +5,7 @@ either side). S-NLS is its argmax at microphone 1 (Eq. 13), and steering it give
 which the echo-gated direction is one row.
 """
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -33,6 +34,22 @@ SEGMENT = 64
 
 
 @dataclass(frozen=True)
+class Filters:
+    """What computes matched filters; the compiled transforms of SciPy unless given.
+
+    Attributes:
+        correlate: returns r_m, as `signals.matched_filter` does.
+        steer: returns J, as `steered_response` does.
+    """
+
+    correlate: Callable[..., Array] = signals.matched_filter
+    steer: Callable[..., Array] = steered_response
+
+
+COMPILED = Filters()
+
+
+@dataclass(frozen=True)
 class MatchedFilter:
     """Matched-filter outputs of observations with samples (B, M, N).
 
@@ -43,6 +60,7 @@ class MatchedFilter:
             besides its axis.
         white: whether recordings and probe have been whitened. Such echoes ring close to half the
             sample rate, so they are searched on finer grids.
+        filters: what computes r_m and J.
         first, last: lags of the window, both inclusive.
     """
 
@@ -50,6 +68,7 @@ class MatchedFilter:
     window: SearchWindow
     azimuths: int = 180
     white: bool = False
+    filters: Filters = COMPILED
     first: int = field(init=False)
     last: int = field(init=False)
 
@@ -74,7 +93,7 @@ class MatchedFilter:
         start = self.first - PAD
         # Nothing is recorded before the emission: what is missing there is silence.
         missing = max(-start, 0)
-        outputs = signals.matched_filter(
+        outputs = self.filters.correlate(
             self.observation.samples,
             self.observation.probe,
             first=start + missing,
@@ -118,7 +137,7 @@ class MatchedFilter:
     @cached_property
     def steered(self) -> Array:
         """J(tau, phi) for `directions`, inside the window, shape (B, A, L), float32."""
-        whole = steered_response(
+        whole = self.filters.steer(
             self.padded, self.observation.array, directions=self.directions, scale=self.scale
         )
         return whole[..., PAD:-PAD]

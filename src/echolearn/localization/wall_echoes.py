@@ -49,7 +49,7 @@ def wall_echoes(
     if not len(rows):
         return found, beside
     low = replace(observation, samples=observation.samples[rows])
-    several = replace(localizer, echoes=SOUGHT)(low)
+    several = replace(localizer, echoes=SOUGHT)(low, replace(view, observation=low))
     first = on_no_axis(several).argmax(axis=-1)
     fields = {name: values.copy() for name, values in vars(found).items()}
     for name, values in fields.items():

@@ -74,10 +74,8 @@ class TorchImages:
         check_placement(
             room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
         )
-        # Asked here and not before: who asks starts CUDA, after which no process can be forked.
-        there = self.device == "cpu" or cuda_is_there()
         hint = "without a GPU rir=images is the fast one"
-        check(there, "rir.device", self.device, allowed="must be on this machine", hint=hint)
+        check_device("rir.device", self.device, hint=hint)
         length = response_length(room, sample_rate)
         scale = 2 * sample_rate / speed_of_sound
         reach = 2.0 * (length + image_loops.REACH)
@@ -120,6 +118,16 @@ def cuda_is_there() -> bool:
     import torch
 
     return torch.cuda.is_available()
+
+
+def check_device(name: str, device: str, *, hint: str) -> None:
+    """Raise `BadValue` unless torch has a device here, cuda or cpu.
+
+    To be called where it computes and not before: who asks starts CUDA, after which no process can
+    be forked.
+    """
+    there = device == "cpu" or cuda_is_there()
+    check(there, name, device, allowed="must be on this machine", hint=hint)
 
 
 def _add(
