@@ -13,6 +13,7 @@ cross, and then moved toward it as far as there is room.
 import ast
 import textwrap
 from collections.abc import Iterable, Mapping
+from functools import cache
 from html import escape
 from itertools import pairwise
 from pathlib import Path
@@ -45,6 +46,7 @@ def modules() -> dict[str, Path]:
     }
 
 
+@cache
 def imports(path: Path) -> set[str]:
     """Return the names that a file imports, at its top and inside its functions."""
     found = set()

@@ -64,13 +64,23 @@ IMPLEMENTATIONS = {
 
 
 FILES = HOUSE["modules"]()
-ARROWS = [(a, b) for a, others in HOUSE["rooms"]().items() for b in others]
-FOREIGN = {
-    (HOUSE["room"](name), library)
-    for name, path in FILES.items()
-    for library in {each.partition(".")[0] for each in HOUSE["imports"](path)}
-    if library not in sys.stdlib_module_names | {"echolearn"}
-}
+
+
+@pytest.fixture(scope="module")
+def arrows():
+    """Return who imports whom."""
+    return [(a, b) for a, others in HOUSE["rooms"]().items() for b in others]
+
+
+@pytest.fixture(scope="module")
+def foreign():
+    """Return who imports which library."""
+    return {
+        (HOUSE["room"](name), library)
+        for name, path in FILES.items()
+        for library in {each.partition(".")[0] for each in HOUSE["imports"](path)}
+        if library not in sys.stdlib_module_names | {"echolearn"}
+    }
 
 
 def test_the_drawing_shows_the_imports_as_they_are():
@@ -78,13 +88,13 @@ def test_the_drawing_shows_the_imports_as_they_are():
     assert (ROOT / "docs" / "architecture.svg").read_text() == HOUSE["draw"]()
 
 
-def test_imports_go_down_only():
-    assert {(a, b) for a, b in ARROWS if ROOMS.index(a) > ROOMS.index(b)} == set()
+def test_imports_go_down_only(arrows):
+    assert {(a, b) for a, b in arrows if ROOMS.index(a) > ROOMS.index(b)} == set()
 
 
-def test_the_house_is_low_and_has_few_stairs():
+def test_the_house_is_low_and_has_few_stairs(arrows):
     graph = HOUSE["rooms"]()
-    assert len(ARROWS) <= 100
+    assert len(arrows) <= 100
     assert max(HOUSE["floor"](graph, name) for name in graph) <= 10
 
 
@@ -92,22 +102,22 @@ def test_no_circle_of_files():
     TopologicalSorter(HOUSE["files"]()).prepare()
 
 
-def test_what_runs_on_a_robot_imports_nothing_else():
-    assert {(a, b) for a, b in ARROWS if a in ROBOT and b not in ROBOT} == set()
+def test_what_runs_on_a_robot_imports_nothing_else(arrows):
+    assert {(a, b) for a, b in arrows if a in ROBOT and b not in ROBOT} == set()
 
 
-def test_each_library_is_imported_by_its_owners_only():
+def test_each_library_is_imported_by_its_owners_only(foreign):
     owned = {(a, name) for names, rooms in OWNERS.items() for name in names.split() for a in rooms}
-    assert FOREIGN - owned == set()
+    assert foreign - owned == set()
 
 
-def test_each_library_is_declared():
+def test_each_library_is_declared(foreign):
     """Not left to those that happen to need it, too."""
     text = (ROOT / "pyproject.toml").read_text()
     project = tomllib.loads(text)["project"]
     extras = project["optional-dependencies"].values()
     wanted = " ".join(sum(extras, project["dependencies"]))
-    for _, name in FOREIGN:
+    for _, name in foreign:
         assert DISTRIBUTIONS.get(name, name.replace("_", "-")) in wanted
 
 
@@ -132,8 +142,8 @@ def test_what_a_glob_finds_is_what_can_be_chosen(folder, groups):
         ("simulation.survey, echolearn.training.runs, echolearn.comparison.compare", {"yaml"}),
     ],
 )
-def test_robots_and_finished_work_wait_for_no_heavy_library(name, libraries):
-    heavy = {library for _, library in FOREIGN} - {"numpy", "scipy", "filelock", "threadpoolctl"}
+def test_robots_and_finished_work_wait_for_no_heavy_library(name, libraries, foreign):
+    heavy = {library for _, library in foreign} - {"numpy", "scipy", "filelock", "threadpoolctl"}
     code = f"import sys, echolearn.{name}; print(*{heavy} & sys.modules.keys())"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert set(run.stdout.split()) <= libraries
