@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.types import Array
@@ -69,6 +68,9 @@ class TorchImages:
         Raises:
             BadValue: what `check_placement` refuses, or a device that is not there.
         """
+        # Both take long to import, and who asks for a device alone needs neither.
+        from scipy.signal import fftconvolve
+
         from echolearn.simulation import image_loops
 
         check_placement(
