@@ -152,7 +152,10 @@ def check_range(name: str, limits: Sequence[float], bounds: Range) -> None:
     check(ascending, name, list(limits), allowed=allowed, hint="are they swapped?")
 
 
-def check_name(name: str, value: object, *, hint: str = "a path is no name") -> None:
+NO_PATH = "a path is no name"
+
+
+def check_name(name: str, value: object, *, hint: str = NO_PATH) -> None:
     """Raise `BadValue` unless `value` can name a folder that everybody sees."""
     text = value if isinstance(value, str) else ""
     plain = text.isprintable() and text == text.strip() and "/" not in text
@@ -169,7 +172,7 @@ def check_name(name: str, value: object, *, hint: str = "a path is no name") -> 
         name,
         f"{value!s:.20}...",
         allowed=f"must have at most {LONGEST_NAME} bytes",
-        hint=f"it has {size}",
+        hint=f"it has {size}" if hint == NO_PATH else f"it has {size}; {hint}",
     )
 
 

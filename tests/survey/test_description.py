@@ -175,6 +175,27 @@ def test_text_that_misleads_is_refused(folder, more, message):
     assert refusal(folder, "survey.yaml").startswith(message)
 
 
+NO_YAML = {
+    "\tloudspeaker: [0, 0, 0]\n": "; indent by blanks, not by tabs",
+    "direct_path:removed\nmap: true\n": "; is a blank missing behind a colon, or a line indented "
+    "otherwise?",
+}
+
+
+@pytest.mark.parametrize("text", NO_YAML)
+def test_each_mistake_in_yaml_has_a_hint_of_its_own(folder, text):
+    (folder / "survey.yaml").write_text(text)
+    assert refusal(folder, "survey.yaml").endswith(NO_YAML[text])
+
+
+def test_yaml_in_another_encoding_or_of_another_name_is_told(folder):
+    path = folder / "survey.yaml"
+    path.write_text(f"# Flur S\u00fcd\n{path.read_text()}", encoding="latin-1")
+    assert refusal(folder, "survey.yaml").endswith("; save it as UTF-8")
+    path.rename(folder / "survey.yml")
+    assert refusal(folder, "survey.yaml").endswith(f"; is it {folder}/survey.yml?")
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -215,7 +236,7 @@ COLUMNS = "the columns index,x_m,y_m,z_m,heading_rad,file"
         (HEAD.replace("index,", "") + "1,1,1,0,a\n", "=without index"),
         (
             HEAD + "0,here,1,1,0,a\n",
-            " row 2 x_m='here': must be a number from -10000 to 10000 m; are",
+            " row 2 x_m='here': must be a number from -10000 to 10000 m; write",
         ),
         (HEAD + "0,1,1,1,0,a\n\n1,1,1,,0,b\n", " row 4 z_m='': must be a number"),
         (HEAD + "0,1,1\n", " row 2 z_m=None: must be a number"),
@@ -270,7 +291,9 @@ MISTAKES = {
     "": LIMITS + "remove the row of a pose that is not known",
     "#N/A": LIMITS + "remove the row of a pose that is not known",
     "-inf": LIMITS + "remove the row of a pose that is not known",
-    "1.5m": LIMITS + "are decimals set off by a point, cells by commas?",
+    "1.5m": LIMITS + "write the number alone, decimals set off by a point",
+    '"1,5"': LIMITS + "are decimals set off by a point, cells by commas?",
+    "\u22121.5": LIMITS + "is its sign a dash? A minus is written -",
     "12500": LIMITS + "are they in mm?",
     "691608.4": LIMITS + "are they UTM, or in mm? Count metres from a corner of the room",
 }
@@ -279,9 +302,52 @@ MISTAKES = {
 @pytest.mark.parametrize("cell", MISTAKES)
 def test_each_mistake_in_a_cell_has_a_hint_of_its_own(folder, cell):
     (folder / "poses.csv").write_text(HEAD + f"0,1,1,1,0,a\n1,1,{cell},1,0,b\n")
-    assert refusal(folder, "poses.csv") == f" row 3 y_m={cell!r}: {MISTAKES[cell]}"
+    shown = ascii(cell.strip('"'))
+    assert refusal(folder, "poses.csv") == f" row 3 y_m={shown}: {MISTAKES[cell]}"
     (folder / "poses.csv").write_text(HEAD + "0,1,1,1,90\u00b0,a\n", encoding="utf-8")
     assert refusal(folder, "poses.csv").endswith("; is it in degrees?")
+
+
+FIRST_ROWS = {
+    HEAD.replace(",", ";"): "is it separated by commas? There are semicolons",
+    HEAD.replace(",", "\t"): "is it separated by commas? There are tabs",
+    HEAD.replace(",", " "): "is it separated by commas?",
+    "# monday\n" + HEAD: "is it separated by commas? There are comments before it",
+    "sep=;\n" + HEAD.replace(",", ";"): "is it separated by commas? There are semicolons",
+    HEAD.upper(): "write them in small letters",
+    "0,1.5,-2,1,0.5,a.wav\n": "does the first row name the columns?",
+    HEAD.replace("_m", ""): "are they named otherwise?",
+    HEAD.replace("heading_rad", "yaw"): "headings are in rad, counter-clockwise from x; write it "
+    "so, and name it heading_rad",
+    HEAD.replace("_rad", "_deg"): "headings are in rad, counter-clockwise from x; write it so, and "
+    "name it heading_rad",
+}
+
+
+@pytest.mark.parametrize("first", FIRST_ROWS)
+def test_each_mistake_in_the_first_row_has_a_hint_of_its_own(folder, first):
+    (folder / "poses.csv").write_text(first + "0,1,1,1,0,a\n1,1,2,1,0,b\n")
+    said = refusal(folder, "poses.csv")
+    assert said.startswith("=without ") and said.endswith(f"{COLUMNS}; {FIRST_ROWS[first]}")
+
+
+def test_a_column_that_is_there_twice_is_refused(folder):
+    """Of which the last would be taken."""
+    text = HEAD.replace("\n", ",x_m\n") + "0,1,1,1,0,a,7\n"
+    (folder / "poses.csv").write_text(text)
+    assert refusal(folder, "poses.csv") == "=column 'x_m', 2 times: must have each column once"
+
+
+def test_the_line_by_which_spreadsheets_name_their_mark_is_no_row(folder):
+    path = folder / "poses.csv"
+    usual = reader.read_survey(folder)
+    text = path.read_text()
+    for begin in ("sep=,\n", "\ufeffSEP=,\r\n"):
+        path.write_text(begin + text, encoding="utf-8")
+        found = reader.read_survey(folder)
+        assert found.files == usual.files and found.numbers == usual.numbers
+    path.write_text("sep=,\n" + HEAD + "0,1,1,1,0,a\n1,1,x,1,0,b\n")
+    assert refusal(folder, "poses.csv").startswith(" row 4 y_m='x'")
 
 
 def walked(headings, places, *, files=()):

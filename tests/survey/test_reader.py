@@ -101,8 +101,8 @@ def test_samples_that_do_not_fit_are_refused(folder, name, samples, message):
 @pytest.mark.parametrize("name", [FILES[0], "noise.wav"])
 def test_a_recording_at_another_rate_is_refused(folder, name):
     (folder / name).write_bytes(wav_bytes(SAMPLES[0], 44100.0))
-    message = " sample_rate=44100 Hz: must be 22050 Hz; resample the recording"
-    assert refusal(folder) == f"{folder / name}{message}"
+    message = " sample_rate=44100 Hz: must be 22050 Hz; resample the recording, unless "
+    assert refusal(folder) == f"{folder / name}{message}survey.yaml is wrong"
 
 
 @pytest.mark.parametrize("name", ["survey.yaml", "probe.wav", "poses.csv", FILES[0]])
@@ -199,3 +199,13 @@ def test_a_calibration_that_does_not_fit_is_refused(folder, samples, direct_path
 def test_what_may_be_beside_the_recordings_is_no_link(folder, name):
     (folder / name).symlink_to("/dev/zero")
     assert refusal(folder) == f"{folder / name}=a link: must be a path inside the survey's folder"
+
+
+def test_the_path_of_another_machine_is_answered_by_what_lies_here(folder):
+    path = folder / "poses.csv"
+    text = path.read_text()
+    allowed = "must be a path inside the survey's folder"
+    for name, hint in (("0.wav", "; is it observations/0.wav?"), ("9.wav", "")):
+        path.write_text(text.replace(FILES[0], f"/home/pi/walk/{name}"))
+        named = f"{path} file=/home/pi/walk/{name}"
+        assert refusal(folder) == f"{named}: {allowed}{hint}"

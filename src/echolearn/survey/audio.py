@@ -31,6 +31,9 @@ LOUD = "is it in another format than its header says?"
 
 MORE = "has it more channels than survey.yaml has microphones, or is it longer than probe.wav?"
 SHORTER = "did the recorder stop early? probe.wav is as long as a recording"
+LONGER = "probe.wav is as long as a recording: pad it with silence, or cut the recordings"
+FEWER = "are files of some microphones elsewhere?"
+BESIDE = "are loopbacks or unused inputs among them? survey.yaml has fewer microphones"
 """What to ask where a recording has another shape than is wanted."""
 
 HEADERS = 1 << 16
@@ -90,8 +93,17 @@ def _elsewhere(path: Path) -> str:
         return "; names are written with / between folders"
     beside = [path.parent / "observations", *path.parents[:2]]
     named = [place / f"{path.name}{ending}" for place in beside for ending in ("", ".wav", ".flac")]
-    found = [each for each in named if each.is_file()]
+    found = [each for each in named if each.is_file()] or _alike(path)
     return f"; is it {found[0]}?" if found else ""
+
+
+def _alike(path: Path) -> list[Path]:
+    """Return the files beside a path whose names are its own but for case and blanks."""
+    wanted = path.name.strip().casefold()
+    try:
+        return [each for each in path.parent.iterdir() if each.name.strip().casefold() == wanted]
+    except OSError:
+        return []
 
 
 def wav_pieces(path: Path, sample_rate: float, *, samples: int) -> Iterator[Array]:
@@ -192,14 +204,15 @@ def read_flac(path: Path, sample_rate: float, *, shape: tuple[int, int]) -> Arra
 
 def _check_rate(name: str, rate: float, *, wanted: float) -> None:
     name = f"{name} sample_rate"
-    hint = "resample the recording"
+    hint = "resample the recording, unless survey.yaml is wrong"
     check(rate == wanted, name, f"{rate} Hz", allowed=f"must be {wanted:g} Hz", hint=hint)
 
 
 def _check_shape(path: Path, shape: tuple[int, ...], *, wanted: tuple[int, int]) -> None:
-    hint = SHORTER if shape[0] == wanted[0] and shape[1] < wanted[1] else MORE
-    if shape[0] < wanted[0]:
-        hint = "are files of some microphones elsewhere?"
+    if shape[0] != wanted[0]:
+        hint = BESIDE if shape[0] > wanted[0] else FEWER
+    else:
+        hint = LONGER if shape[1] > wanted[1] else SHORTER
     allowed = f"must be {wanted[0]} channels of {wanted[1]} samples"
     check(shape == wanted, str(path), shape, allowed=allowed, hint=hint)
 

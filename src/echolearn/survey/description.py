@@ -102,13 +102,28 @@ def read_description(path: Path) -> dict[str, Any]:
     except BadValue as error:
         raise BadValue(f"{path} {error}") from None
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise BadValue(f"{path}: cannot be read ({one_line(error)})") from None
+        hint = _about_yaml(path, error)
+        raise BadValue(f"{path}: cannot be read ({one_line(error)}){hint}") from None
 
     for key in ("microphones", "loudspeaker"):
         content[key] = np.array(content[key], dtype=float)
     if content["walls"] is not None:
         content["walls"] = floor_plan.sides(content["walls"])
     return dict(content)
+
+
+def _about_yaml(path: Path, error: Exception) -> str:
+    """Return the likely mistake in a file that is no YAML; "" if none is known."""
+    if isinstance(error, UnicodeDecodeError):
+        return "; save it as UTF-8"
+    if isinstance(error, FileNotFoundError):
+        found = [each for each in path.parent.glob("*.y*ml") if each.is_file()]
+        return f"; is it {found[0]}?" if len(found) == 1 else ""
+    said = str(error)
+    if "'\\t'" in said:
+        return "; indent by blanks, not by tabs"
+    wrong = "mapping values are not allowed" in said or "could not find expected ':'" in said
+    return "; is a blank missing behind a colon, or a line indented otherwise?" if wrong else ""
 
 
 def _load(text: str) -> Any:

@@ -10,6 +10,7 @@ them, are none. Errors count rows as spreadsheets do.
 
 import csv
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -39,6 +40,9 @@ DIGITS = 19
 """Digits of a pose's index: nanoseconds since 1970 have so many."""
 
 BY_POINT = "are decimals set off by a point, cells by commas?"
+ALONE = "write the number alone, decimals set off by a point"
+DASHES = ("\u2212", "\u2013", "\u2014")
+DASH = "is its sign a dash? A minus is written -"
 UNKNOWN = "remove the row of a pose that is not known"
 DEGREES = "is it in degrees?"
 MAP_FRAME = "are they UTM, or in mm? Count metres from a corner of the room"
@@ -65,7 +69,7 @@ def read_number(
         number = float(text.replace("_", " "))
     except ValueError:
         number = math.nan
-        hint = BY_POINT
+        hint = DASH if text[:1] in DASHES else BY_POINT if "," in text else ALONE
     if not math.isfinite(number) and text.strip("#+-").lower() in ABSENT:
         hint = UNKNOWN
     elif text.endswith(("\u00b0", "deg")):
@@ -189,14 +193,19 @@ def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
     """Yield the cells of each row of a table that has the columns of `CELLS`, and any others."""
     # Spreadsheets may begin a file with a byte order mark, which is no part of the first name.
     with path.open(newline="", encoding="utf-8-sig") as file:
+        # Excel's first line, which names the mark between cells, is no row.
+        above = int(file.readline(99).lower().startswith("sep="))
+        if not above:
+            file.seek(0)
         table = csv.DictReader(file, skipinitialspace=True)
         columns = [name.strip() for name in table.fieldnames or ()]
         missing = [name for name in CELLS if columns and name not in columns]
         allowed = f"must have the columns {','.join(CELLS)}"
-        small = [name.lower() for name in columns]
-        written = all(name in small for name in CELLS)
-        hint = "are they written small?" if written else "is it separated by commas?"
+        hint = _about_columns(columns, missing)
         check(not missing, str(path), f"without {', '.join(missing)}", allowed=allowed, hint=hint)
+        [(most, times)] = Counter(filter(None, columns)).most_common(1) or [("", 0)]
+        allowed = "must have each column once"
+        check(times < 2, str(path), f"column {most!a:.60}, {times} times", allowed=allowed)
         table.fieldnames = columns
         lacking = [name for name in APART if name not in columns]
         allowed = f"must have all of {', '.join(APART)}, or none"
@@ -205,7 +214,7 @@ def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
         cells = CELLS | {name: read for name, read in optional.items() if name in columns}
         further = [name for name in columns if name and name not in cells]
         for row in table:
-            name = f"{path} row {table.line_num}"
+            name = f"{path} row {table.line_num + above}"
             beyond = row.pop(None, [])
             if not any(map(str.strip, filter(None, [*row.values(), *beyond]))):
                 continue
@@ -215,6 +224,26 @@ def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
             )
             found = {key: read(f"{name} {key}", row[key]) for key, read in cells.items()}
             yield found | {column: str(row[column] or "").strip() for column in further}
+
+
+def _about_columns(columns: Sequence[str], missing: Sequence[str]) -> str:
+    """Return the likely mistake where columns are missing.
+
+    Args:
+        columns: what stands in the first row.
+        missing: names that are not among them.
+    """
+    small = [name.lower() for name in columns]
+    if all(name in small for name in missing):
+        return "write them in small letters"
+    if len(columns) < len(CELLS):
+        marks = {";": "semicolons", "\t": "tabs", "#": "comments before it"}
+        found = [f" There are {name}" for mark, name in marks.items() if mark in "".join(columns)]
+        return f"is it separated by commas?{''.join(found[:1])}"
+    if "heading_rad" in missing and any(re.search("deg|yaw|theta", name) for name in small):
+        return "headings are in rad, counter-clockwise from x; write it so, and name it heading_rad"
+    numbers = sum(name.lstrip("+-").replace(".", "", 1).isdigit() for name in columns)
+    return "does the first row name the columns?" if numbers > 2 else "are they named otherwise?"
 
 
 def poses_csv(

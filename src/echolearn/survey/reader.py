@@ -79,7 +79,7 @@ def read_survey(folder: Path) -> Survey:
     stored = numbers_of([audio.undecided_words(probe)])
     walked = read_poses(folder / "poses.csv")
     for file in dict.fromkeys(walked.files):
-        check(lies_inside(folder, file), f"{folder}/poses.csv file", file, allowed=INSIDE)
+        _check_inside(folder, file)
     truth = folder / TRUTH
     return Survey(
         folder=folder,
@@ -99,6 +99,15 @@ def read_survey(folder: Path) -> Survey:
         truth=read_truth(truth, walked.numbers) if truth.exists() else None,
         further=walked.further,
     )
+
+
+def _check_inside(folder: Path, file: str) -> None:
+    """Raise `BadValue` unless a recording lies in the folder of its survey."""
+    # Another machine's path, most often: its last part is the name here, too.
+    here = f"observations/{Path(file).name}"
+    hint = f"is it {here}?" if lies_inside(folder, here) and (folder / here).is_file() else ""
+    inside = lies_inside(folder, file)
+    check(inside, f"{folder}/poses.csv file", file, allowed=INSIDE, hint=hint)
 
 
 def _carried_to(places: Array | None, poses: Sequence[Pose]) -> Array | None:

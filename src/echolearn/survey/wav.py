@@ -21,21 +21,10 @@ from numpy.typing import NDArray
 
 from echolearn.acoustics.types import Array
 from echolearn.survey.mistold import mistold
+from echolearn.survey.other_formats import codec, other_format
 
 KINDS = {b"RIFF": "<", b"RF64": "<", b"BW64": "<", b"RIFX": ">"}
 """Beginnings of files, each with its byte order."""
-
-OTHERS = {
-    b"fLaC": "FLAC; let its name end in .flac",
-    b"OggS": "Ogg",
-    b"FORM": "AIFF",
-    b".snd": "AU",
-    b"caff": "CAF",
-    b"riff": "Wave64",
-    b"ID3\x03": "MP3",
-    b"ID3\x04": "MP3",
-}
-"""Beginnings of files of other formats, which get the name of a WAV file by mistake."""
 
 PCM = 1
 FLOAT = 3
@@ -124,8 +113,9 @@ def _chunks(content: bytes) -> tuple[Format, bytes]:
     """Return the format of a file and its data, whole frames of it."""
     order = KINDS.get(content[:4])
     if order is None or content[8:12] != b"WAVE":
-        known = OTHERS.get(content[:4])
-        reason = f"it is {known}" if known else "it does not begin like one"
+        known = other_format(content)
+        raw = "it does not begin like one; is it raw, without a header?"
+        reason = f"it is {known}" if known else raw
         raise ValueError(reason if content else "it is empty; was the recorder running?")
 
     told = None
@@ -144,10 +134,32 @@ def _chunks(content: bytes) -> tuple[Format, bytes]:
             long = _number(body[8:16], order)
         elif name == b"fmt ":
             told = _format(body, order)
-        # Chunks of an odd number of bytes are padded by a zero, which some forget.
-        padded = size % 2 and content[place + size : place + size + 1] == b"\0"
-        place += size + int(padded)
+        place += size + _padding(content, place + size, size=size, order=order)
     raise ValueError("it ends before its data begin; was the recorder stopped at once?")
+
+
+def _padding(content: bytes, place: int, *, size: int, order: str) -> int:
+    """Return how many bytes, 0 or 1, fill up a chunk of an odd number of them.
+
+    Args:
+        content: of the whole file.
+        place: where the chunk ends.
+        size: bytes that it has.
+        order: byte order, < or >.
+    """
+    # Some forget the byte, and some write another than zero.
+    if size % 2 == 0 or content[place : place + 1] == b"\0":
+        return size % 2
+    following = _follows(content, place, order=order)
+    return int(not following and _follows(content, place + 1, order=order))
+
+
+def _follows(content: bytes, place: int, *, order: str) -> bool:
+    """Tell whether a chunk begins at a place: a name in letters, and a length that fits."""
+    name = content[place : place + 4]
+    size = _number(content[place + 4 : place + 8], order)
+    fits = size <= len(content) - place - 8 or name == b"data"
+    return len(name) == 4 and name.isascii() and name.decode().isprintable() and fits
 
 
 def _number(field: bytes, order: str) -> int:
@@ -169,7 +181,9 @@ def _format(body: bytes, order: str) -> Format:
     width = frame // max(channels, 1)
     known = {PCM: (1, 2, 3, 4, 8), FLOAT: (4, 8)}
     if kind not in known:
-        raise ValueError(f"its format is number {kind:#x}; it must be PCM or float, uncompressed")
+        raise ValueError(
+            f"its format is number {codec(kind)}; it must be PCM or float, uncompressed"
+        )
     sound = frame == channels * width and width in known[kind] and 0 < bits <= 8 * width
     if not sound:
         raise ValueError(f"it has {channels} channels of {bits} bits in frames of {frame} bytes")
@@ -187,16 +201,31 @@ def _data(content: bytes, start: int, *, size: int, told: Format) -> bytes:
     """
     rest = len(content) - start
     frame = told.channels * told.width
-    # A header that was never finished does not know the length of the file either.
+    # A header that was never finished does not know the length of the file either; where it does,
+    # what follows no samples is another chunk.
     complete = _number(content[4:8], told.order) == len(content) - 8
-    if size >= ENDLESS or (size == 0 and not complete):
+    following = rest == 0 or _follows(content, start, order=told.order)
+    if size >= ENDLESS or (size == 0 and not (complete and following)):
+        rest -= _trailing(content, told.order)
         return content[start : start + rest // frame * frame]
     if size > rest:
         there = f"{rest} of {size} bytes of data are there"
         raise ValueError(f"it is cut off, {there}; was the disk full, or the recorder killed?")
     if size % frame:
-        raise ValueError(f"its {size} bytes of data are no whole frames of {frame} bytes")
+        torn = "was the recorder killed, or has it other channels than it says?"
+        raise ValueError(f"its {size} bytes of data are no whole frames of {frame} bytes; {torn}")
     return content[start : start + size]
+
+
+def _trailing(content: bytes, order: str) -> int:
+    """Return the bytes of a chunk of texts behind data of unknown length; 0 if there is none."""
+    for name in (b"LIST", b"id3 "):
+        place = content.rfind(name)
+        if place >= 0 and place + 8 + _number(content[place + 4 : place + 8], order) == len(
+            content
+        ):
+            return len(content) - place
+    return 0
 
 
 def _whole(data: bytes, width: int, *, order: str) -> NDArray[Any]:
