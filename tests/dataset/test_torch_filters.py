@@ -20,7 +20,7 @@ from echolearn.localization.methods.gated import Gated
 from echolearn.localization.methods.joint import Joint
 from echolearn.localization.methods.snls import Snls
 from echolearn.runtime.engines.serial import Serial
-from echolearn.simulation.rir import torch_images
+from echolearn.simulation import torch_device
 from echolearn.simulation.rir.images import Images
 from refusals import refused
 
@@ -40,7 +40,7 @@ def plan(brief):
 @pytest.fixture(params=["cpu", "cuda"])
 def device(request):
     """Return a device that is there."""
-    if request.param == "cuda" and not torch_images.cuda_is_there():
+    if request.param == "cuda" and not torch_device.cuda_is_there():
         pytest.skip("not on this machine")
     return request.param
 
@@ -115,7 +115,7 @@ def test_every_step_takes_the_filters_that_were_chosen(localizer, plan):
 
 
 def test_what_is_not_there_is_one_line(plan, monkeypatch):
-    monkeypatch.setattr(torch_images, "cuda_is_there", lambda: False)
+    monkeypatch.setattr(torch_device, "cuda_is_there", lambda: False)
     with refused("plan.matched_filters=cuda: must be on this machine; without a GPU"):
         records(replace(plan, matched_filters="cuda"), range(2))
     with refused("plan.matched_filters=gpu: must be compiled, cuda or cpu"):

@@ -10,7 +10,7 @@ import pyroomacoustics
 import pytest
 
 from echolearn.acoustics.types import Room
-from echolearn.simulation import image_loops
+from echolearn.simulation import image_loops, torch_device
 from echolearn.simulation.image_loops import fractional_delay
 from echolearn.simulation.rir import torch_images
 from echolearn.simulation.rir.images import Images
@@ -146,7 +146,7 @@ def test_same_input_gives_the_same_bytes(engine):
 
 @pytest.mark.parametrize("device", ["cpu", "cuda"])
 def test_torch_sums_the_same_images_to_the_same_bytes_each_time(device, monkeypatch):
-    if device == "cuda" and not torch_images.cuda_is_there():
+    if device == "cuda" and not torch_device.cuda_is_there():
         pytest.skip("not on this machine")
     room = Room((5.0, 4.0, 3.0), 0.4)
     whole = respond(TorchImages(device), room)
@@ -158,7 +158,7 @@ def test_torch_sums_the_same_images_to_the_same_bytes_each_time(device, monkeypa
 
 
 def test_a_device_that_is_not_there_is_one_line(monkeypatch):
-    monkeypatch.setattr(torch_images, "cuda_is_there", lambda: False)
+    monkeypatch.setattr(torch_device, "cuda_is_there", lambda: False)
     with refused("rir.device=cuda: must be on this machine"):
         respond(TorchImages(), small(*LIVE))
 

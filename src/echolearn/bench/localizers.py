@@ -21,7 +21,7 @@ from echolearn.localization.localizer import Localizer
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.runtime.progress import track
 from echolearn.runtime.timing import Contestant, ratios
-from echolearn.simulation.rir.torch_images import cuda_is_there
+from echolearn.simulation.torch_device import cuda_is_there
 from echolearn.storage.identity import kind_of
 
 PAPER = {"peaks": 0.0063, "em": 63.25, "mclam": 60.65, "snls": 10.14}

@@ -30,8 +30,9 @@ from echolearn.simulation.realism import Realism
 from echolearn.simulation.responses import response_length
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.rir.pyroom import Pyroom
-from echolearn.simulation.rir.torch_images import TorchImages, cuda_is_there
+from echolearn.simulation.rir.torch_images import TorchImages
 from echolearn.simulation.scene import Responder, Scene
+from echolearn.simulation.torch_device import cuda_is_there
 
 HALL = Room((10.0, 8.0, 6.0), 0.6)
 """The paper's training room."""

@@ -18,7 +18,7 @@ from scipy import fft
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.localization.correlations import steering_phases
 from echolearn.localization.matched_filter import COMPILED, Filters
-from echolearn.simulation.rir.torch_images import check_device
+from echolearn.simulation.torch_device import check_device
 
 
 def filters_of(name: str) -> Filters:

@@ -73,7 +73,14 @@ def steered_response(
 def steering_phases(
     array: MicArray, azimuth: bytes, elevation: bytes, size: int, scale: float
 ) -> Array:
-    """Return the phases exp(j omega eta_m) that align microphones, shape (F, M, A), complex64."""
+    """Return the phases exp(j omega eta_m) that align microphones, shape (F, M, A), complex64.
+
+    Args:
+        array: M microphones.
+        azimuth, elevation: bytes of A angles each, in rad.
+        size: number of lags.
+        scale: samples per m.
+    """
     toward = direction(np.frombuffer(azimuth), np.frombuffer(elevation))
     eta = relative_delays(array, toward, scale=scale)
     omega = 2 * np.pi * np.fft.rfftfreq(size)

@@ -17,9 +17,10 @@ import numpy as np
 
 from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.types import Array
-from echolearn.checks import check, check_choice
+from echolearn.checks import check_choice
 from echolearn.simulation.responses import check_placement, response_length
 from echolearn.simulation.rir.images import lattice
+from echolearn.simulation.torch_device import check_device
 
 if TYPE_CHECKING:
     import torch
@@ -113,23 +114,6 @@ class TorchImages:
             _add(grid.view(len(x), size), (block, y, z), table=table, reach=reach)
         whole: Array = grid.cpu().numpy().reshape(len(x), size)
         return whole * UNIT
-
-
-def cuda_is_there() -> bool:
-    """Tell whether this machine has a GPU that torch can use."""
-    import torch
-
-    return torch.cuda.is_available()
-
-
-def check_device(name: str, device: str, *, hint: str) -> None:
-    """Raise `BadValue` unless torch has a device here, cuda or cpu.
-
-    To be called where it computes and not before: who asks starts CUDA, after which no process can
-    be forked.
-    """
-    there = device == "cpu" or cuda_is_there()
-    check(there, name, device, allowed="must be on this machine", hint=hint)
 
 
 def _add(
