@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from llvmlite.binding import get_host_cpu_features
 
 import reference
 from echolearn.acoustics.types import Observation, Probe
@@ -64,6 +65,35 @@ def test_compiled_covariances_are_sums_over_frames(microphones, length):
             expected[f] += np.outer(spectra[:, f], spectra[:, f].conj()) / len(starts)
     for way in (beamforming.compiled_covariance, beamforming.plain_covariance):
         assert np.allclose(way(samples), expected, atol=1e-5 * np.abs(expected).max(), rtol=0)
+
+
+@pytest.mark.parametrize("microphones", [2, 3, 6])
+def test_compiled_inverses_are_those_of_each_matrix(microphones):
+    samples = np.random.default_rng(microphones).standard_normal((3, microphones, 2000))
+    samples[1, 0] = 0.0  # one is silent
+    covariances = np.stack([beamforming.plain_covariance(each) for each in samples])
+    compiled = beamforming.compiled_inverses(covariances, 0.1)
+    plain = beamforming.plain_inverses(covariances, 0.1)
+    for b, f in np.ndindex(3, 442):
+        matrix = covariances[b, f].astype(complex)
+        level = np.trace(matrix).real / microphones
+        expected = np.linalg.inv(0.9 * matrix + 0.1 * level * np.eye(microphones))
+        packed = beamforming.pack_hermitian(expected)
+        for way in (compiled, plain):
+            assert np.allclose(way[:, f, b], packed, atol=1e-4 * np.abs(packed).max(), rtol=0)
+    # Where the processor multiplies and adds at once the bits are those of NumPy.
+    if get_host_cpu_features().get("fma"):
+        assert compiled.tobytes() == plain.tobytes()
+
+
+def test_the_sum_of_inverse_powers_takes_bins_in_their_order():
+    rng = np.random.default_rng(4)
+    packed = rng.uniform(0.5, 1.5, (3 * beamforming.BINS + 5, 4, 9)).astype(np.float32)
+    weights = rng.uniform(0.5, 1.5, (len(packed), 9, 20)).astype(np.float32)
+    expected = np.zeros((4, 20), np.float32)
+    for row, weight in zip(packed, weights, strict=True):
+        expected = expected + np.float32(1.0) / (row @ weight)
+    assert np.array_equal(beamforming.sum_of_inverses(packed, weights), expected)
 
 
 # ---------------------------------------------------------------- matrices

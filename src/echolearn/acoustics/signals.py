@@ -6,6 +6,7 @@ replaces the sums of the paper (Eqs. 10-13) without approximation.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft
@@ -102,7 +103,7 @@ def convolve(samples: Array, response: Array, *, length: int, skip: int = 0) -> 
     """
     # As long as the whole convolution, so that its end does not wrap around to the beginning.
     size = fft.next_fast_len(len(samples) + response.shape[-1] - 1, real=True)
-    burst = fft.rfft(samples, size)
+    burst = burst_spectrum(samples, size)
     result = np.empty((*response.shape[:-1], length))
     flat = result.reshape(-1, length)
     kept = min(size - skip, length)
@@ -116,6 +117,19 @@ def convolve(samples: Array, response: Array, *, length: int, skip: int = 0) -> 
         flat[pair, :kept] = whole[:, skip : skip + kept]
     flat[:, kept:] = 0.0
     return result
+
+
+def burst_spectrum(samples: Array, size: int) -> Array:
+    """Return the spectrum of a burst (L,) of float64, padded to `size`; those used last are kept.
+
+    All rows of a set share one.
+    """
+    return _burst_spectrum(samples.tobytes(), size)
+
+
+@lru_cache(maxsize=8)
+def _burst_spectrum(samples: bytes, size: int) -> Array:
+    return fft.rfft(np.frombuffer(samples), size)
 
 
 def noise_psd(recording: Array, *, frame: int = STFT_FRAME) -> Array:

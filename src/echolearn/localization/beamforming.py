@@ -29,8 +29,11 @@ from echolearn.localization.silence import alike
 CACHED = 4
 """Recordings whose covariances are inverted together."""
 
+BINS = 64
+"""Bins whose powers are computed together, for the same reason."""
+
 SMALL = 6
-"""Microphones up to which the sums of a covariance are compiled."""
+"""Microphones up to which covariances are compiled: sums of larger ones go in another order."""
 
 
 def azimuth_grid(azimuths: int) -> Array:
@@ -68,13 +71,16 @@ def recording_covariance(observation: Observation) -> Array:
     samples = observation.samples
     bins = signals.STFT_FRAME // 2 + 1
     found = np.empty((len(samples), bins, *2 * samples.shape[1:2]), dtype=np.complex64)
-    # The compiled way has the same bits, but for large arrays, of which sums go in another order.
-    compiled = "numba" in sys.modules and samples.shape[1] <= SMALL
-    of_one = compiled_covariance if compiled else plain_covariance
+    of_one = compiled_covariance if _is_compiled(samples.shape[1]) else plain_covariance
     # One recording after the other: the spectra of one stay in the processor's cache.
     for row, recording in enumerate(samples):
         found[row] = of_one(recording)
     return found
+
+
+def _is_compiled(microphones: int) -> bool:
+    """Tell whether loops are compiled here, for arrays so small that they have the same bits."""
+    return "numba" in sys.modules and microphones <= SMALL
 
 
 def plain_covariance(recording: Array) -> Array:
@@ -92,12 +98,16 @@ def compiled_covariance(recording: Array) -> Array:
 
 def regularize(covariances: Array, gamma: float) -> Array:
     """Return (1 - gamma) R + gamma tr(R)/M I (Eq. 18); an all-zero R becomes a tiny identity."""
-    microphones = covariances.shape[-1]
-    level = np.trace(covariances, axis1=-2, axis2=-1).real[..., None, None] / microphones
+    loading = _loading(covariances, gamma)
+    identity = np.eye(covariances.shape[-1], dtype=loading.dtype)
+    return (1.0 - gamma) * covariances + loading[..., None, None] * identity
+
+
+def _loading(covariances: Array, gamma: float) -> Array:
+    """Return what Eq. 18 adds to the diagonal of (..., M, M), shape (...)."""
+    level = np.trace(covariances, axis1=-2, axis2=-1).real / covariances.shape[-1]
     # Silence must have an inverse too, and a finite one.
-    tiny = np.finfo(level.dtype).tiny ** 0.5
-    identity = np.eye(microphones, dtype=level.dtype)
-    return (1.0 - gamma) * covariances + (gamma * level + tiny) * identity
+    return np.asarray(gamma * level + np.finfo(level.dtype).tiny ** 0.5)
 
 
 def pack_hermitian(matrices: Array) -> Array:
@@ -176,13 +186,43 @@ def mpdr_power(covariances: Array, weights: Array, *, gamma: float) -> Array:
         weights: packed steering, shape (F, M*M, A), from `steering_weights`.
         gamma: regularisation of Eq. 18.
     """
-    planes = np.empty((covariances.shape[-1] ** 2, *covariances.shape[:2]), dtype=weights.dtype)
+    compiled = _is_compiled(covariances.shape[-1]) and covariances.dtype == np.complex64
+    of_all = compiled_inverses if compiled else plain_inverses
+    return sum_of_inverses(np.moveaxis(of_all(covariances, gamma), 0, -1), weights)
+
+
+def plain_inverses(covariances: Array, gamma: float) -> Array:
+    """Return packed inverses of regularised covariances (B, F, M, M), planes (M*M, F, B)."""
+    real = covariances.real.dtype
+    planes = np.empty((covariances.shape[-1] ** 2, *covariances.shape[:2]), dtype=real)
     packed = np.moveaxis(planes, 0, -1)
     # A few at a time stay in the processor's cache.
     for start in range(0, len(covariances), CACHED):
         part = covariances[start : start + CACHED]
         packed[start : start + CACHED] = pack_hermitian(invert(regularize(part, gamma)))
-    return np.sum(1.0 / (np.moveaxis(packed, -2, 0) @ weights), axis=0)
+    return np.swapaxes(planes, 1, 2)
+
+
+def compiled_inverses(covariances: Array, gamma: float) -> Array:
+    """Return the same with loops that Numba compiles, from complex64."""
+    from echolearn.localization import covariance_loops
+
+    loading = _loading(covariances, gamma)
+    planes = covariance_loops.packed_inverses(covariances, keep=1.0 - gamma, loading=loading)
+    return np.swapaxes(planes, 1, 2)
+
+
+def sum_of_inverses(packed: Array, weights: Array) -> Array:
+    """Return the sum of 1 / (packed @ weights) over bins, (B, A), from (F, B, K) and (F, K, A)."""
+    bins = np.empty((BINS + 1, packed.shape[1], weights.shape[-1]), dtype=weights.dtype)
+    # What was summed is the first addend of the next bins: the order is that of one sum over all.
+    total = bins[0]
+    for start in range(0, len(packed), BINS):
+        part = bins[1 : 1 + len(packed) - start]
+        np.matmul(packed[start : start + BINS], weights[start : start + BINS], out=part)
+        np.divide(1.0, part, out=part)
+        total[:] = part.sum(axis=0) if start == 0 else bins[: 1 + len(part)].sum(axis=0)
+    return total.copy()
 
 
 @dataclass(frozen=True)

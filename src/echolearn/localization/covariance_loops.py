@@ -1,4 +1,4 @@
-"""Frames and covariances of one recording, compiled: all that the transforms between them leave.
+"""Frames and covariances of recordings and their inverses, compiled: what transforms leave to do.
 
     frame_m(t, n) = float32(y_m(t hop + n)) w(n),        R(f) = 1/T sum_t Y_m(f, t) conj(Y_n(f, t))
 
@@ -7,7 +7,12 @@ The sums go from frame to frame, each product added without rounding of its own,
     re += im_m im_n,  re += re_m re_n,      im += im_m re_n,  im -= re_m im_n,
 
 which is what OpenBLAS does for few microphones on processors with AVX-512: there every bit is that
-of `beamforming`'s product of matrices. Numba takes a third of a second to import, and a process
+of `beamforming`'s product of matrices. Inverses repeat the steps of `beamforming.invert`, with the
+roundings of NumPy's complex product where the processor multiplies and adds at once,
+
+    re = fma(re_a, re_b, -(im_a im_b)),     im = fma(re_a, im_b, im_a re_b).
+
+Numba takes a third of a second to import, and a process
 that has it cannot be forked, so only who has it already uses this: simulations do.
 """
 
@@ -15,9 +20,13 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 
 from echolearn.acoustics.types import Array
+
+BLOCK = 112
+"""Bins whose spectra stay in the processor's cache while all pairs of microphones are summed."""
 
 
 def frames(recording: Array, window: Array) -> Array:
@@ -32,9 +41,39 @@ def frames(recording: Array, window: Array) -> Array:
 def frames_covariance(spectra: Array) -> Array:
     """Return R from spectra (M, T, F), complex64, shape (F, M, M), complex64."""
     microphones, count, bins = spectra.shape
-    sums = np.empty((bins, microphones, microphones), np.complex64)
-    _sum(spectra, sums)
-    return sums / count
+    means = np.empty((bins, microphones, microphones), np.complex64)
+    _sum(spectra, means)
+    return means
+
+
+def packed_inverses(covariances: Array, *, keep: float, loading: Array) -> Array:
+    """Return packed inverses of keep R + loading I, planes of shape (M*M, B, F), float32.
+
+    Args:
+        covariances: R, shape (B, F, M, M), complex64.
+        keep: factor on R.
+        loading: added to the diagonal, shape (B, F), float32.
+    """
+    planes = np.empty((covariances.shape[-1] ** 2, *loading.shape), np.float32)
+    _invert_all(covariances, np.float32(keep), loading, planes)
+    return planes
+
+
+@intrinsic
+def _fma(_: Any, a: Any, b: Any, c: Any) -> Any:
+    """Return a b + c, rounded once."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        """Write the instructions of one call.
+
+        Args:
+            context, signature: not needed.
+            builder: place where they are written.
+            arguments: values of the call.
+        """
+        return builder.fma(*arguments)
+
+    return types.float32(types.float32, types.float32, types.float32), generate
 
 
 @njit(error_model="numpy", nogil=True)
@@ -49,46 +88,132 @@ def _frame(recording: Any, window: Any, hop: Any, found: Any) -> None:
                 target[n] = source[n] * window[n]
 
 
-@njit(error_model="numpy", nogil=True, fastmath={"contract"})
-def _add(re: Any, im: Any, re_n: Any, im_n: Any, sum_re: Any, sum_im: Any) -> None:
-    """Add the products of two microphones in one frame to their sums, each shape (F,).
+@njit(error_model="numpy", nogil=True)
+def _share(re: Any, im: Any, count: Any) -> Any:
+    """Return a complex number over a count as NumPy divides: times one over it, zeros signed."""
+    part = np.float32(1.0) / np.float32(count)
+    nothing = np.float32(0.0)
+    return complex((re + im * nothing) * part, (im - re * nothing) * part)
 
-    Args:
-        re, im: real and imaginary part of Y_m.
-        re_n, im_n: those of Y_n.
-        sum_re, sum_im: those of the sum.
-    """
-    for f in range(len(re)):
-        # One product after the other goes into the sum, unrounded.
-        total = sum_re[f] + im[f] * im_n[f]
-        sum_re[f] = total + re[f] * re_n[f]
-        total = sum_im[f] + im[f] * re_n[f]
-        sum_im[f] = total - re[f] * im_n[f]
+
+@njit(error_model="numpy", nogil=True, fastmath={"contract"})
+def _sum(spectra: Any, means: Any) -> None:
+    """Write the means over frames; see `frames_covariance`."""
+    microphones, count, bins = spectra.shape
+    re = np.zeros((microphones, count, BLOCK), np.float32)
+    im = np.zeros((microphones, count, BLOCK), np.float32)
+    sums = np.empty((3, BLOCK), np.float32)
+    for first in range(0, bins, BLOCK):
+        used = min(BLOCK, bins - first)
+        for m in range(microphones):
+            for t in range(count):
+                for f in range(used):
+                    re[m, t, f] = spectra[m, t, first + f].real
+                    im[m, t, f] = spectra[m, t, first + f].imag
+        # Of (m, n) and (n, m) the real parts are one, while the imaginary ones are rounded apart.
+        for m in range(microphones):
+            for n in range(m, microphones):
+                sums[:] = 0.0
+                for t in range(count):
+                    for f in range(BLOCK):
+                        # One product after the other goes into a sum, unrounded.
+                        real = sums[0, f] + im[m, t, f] * im[n, t, f]
+                        here = sums[1, f] + im[m, t, f] * re[n, t, f]
+                        back = sums[2, f] + im[n, t, f] * re[m, t, f]
+                        sums[0, f] = real + re[m, t, f] * re[n, t, f]
+                        sums[1, f] = here - re[m, t, f] * im[n, t, f]
+                        sums[2, f] = back - re[n, t, f] * im[m, t, f]
+                for f in range(used):
+                    means[first + f, m, n] = _share(sums[0, f], sums[1, f], count)
+                    means[first + f, n, m] = _share(sums[0, f], sums[2, f], count)
 
 
 @njit(error_model="numpy", nogil=True)
-def _sum(spectra: Any, sums: Any) -> None:
-    """Write the sums over frames; see `frames_covariance`."""
-    microphones, count, bins = spectra.shape
-    re = np.empty((microphones, bins), np.float32)
-    im = np.empty((microphones, bins), np.float32)
-    sum_re = np.zeros((microphones, microphones, bins), np.float32)
-    sum_im = np.zeros((microphones, microphones, bins), np.float32)
-    for t in range(count):
-        for m in range(microphones):
-            frame = spectra[m, t]
-            for f in range(bins):
-                re[m, f] = frame[f].real
-                im[m, f] = frame[f].imag
-        for m in range(microphones):
-            for n in range(microphones):
-                _add(re[m], im[m], re[n], im[n], sum_re[m, n], sum_im[m, n])
-    for m in range(microphones):
-        for n in range(microphones):
-            for f in range(bins):
-                sums[f, m, n] = complex(sum_re[m, n, f], sum_im[m, n, f])
+def _product(a: Any, b: Any, c: Any) -> Any:
+    """Return a b + c of float32, rounded once."""
+    result: Any = _fma(a, b, c)  # type: ignore[call-arg]
+    return result
+
+
+@njit(error_model="numpy", nogil=True)
+def _load(covariances: Any, keep: Any, loading: Any, re: Any, im: Any) -> None:
+    """Write keep R + loading I of some bins, R (F, M, M), as real and imaginary part (M, M, F)."""
+    nothing = np.float32(0.0)
+    for m in range(len(re)):
+        for n in range(len(re)):
+            for f in range(len(loading)):
+                real = covariances[f, m, n].real
+                imaginary = covariances[f, m, n].imag
+                added = loading[f] if m == n else nothing
+                # Products with nothing and sums with it decide the signs of zeros.
+                re[m, n, f] = _product(keep, real, -(nothing * imaginary)) + added
+                im[m, n, f] = _product(keep, imaginary, nothing * real) + nothing
+
+
+@njit(error_model="numpy", nogil=True)
+def _eliminate(k: int, re: Any, im: Any, row: Any, column: Any) -> None:
+    """Do Gauss-Jordan step k on matrices (M, M, F) in place; row and column (2, M, F) are room."""
+    one = np.float32(1.0)
+    nothing = np.float32(0.0)
+    for m in range(len(re)):
+        for f in range(re.shape[2]):
+            column[0, m, f] = re[m, k, f] if m != k else nothing
+            column[1, m, f] = im[m, k, f] if m != k else nothing
+    for n in range(len(re)):
+        for f in range(re.shape[2]):
+            pivot = one / re[k, k, f]
+            real = re[k, n, f] if n != k else one
+            imaginary = im[k, n, f] if n != k else nothing
+            row[0, n, f] = _product(real, pivot, -(imaginary * nothing))
+            row[1, n, f] = _product(real, nothing, imaginary * pivot)
+    re[:, k] = 0.0
+    im[:, k] = 0.0
+    re[k] = row[0]
+    im[k] = row[1]
+    for m in range(len(re)):
+        for n in range(len(re)):
+            for f in range(re.shape[2]):
+                re[m, n, f] -= _product(
+                    column[0, m, f], row[0, n, f], -(column[1, m, f] * row[1, n, f])
+                )
+                im[m, n, f] -= _product(
+                    column[0, m, f], row[1, n, f], column[1, m, f] * row[0, n, f]
+                )
+
+
+@njit(error_model="numpy", nogil=True)
+def _pack(re: Any, im: Any, planes: Any) -> None:
+    """Write Hermitian matrices (M, M, F) as planes (M*M, F); see `beamforming.pack_hermitian`."""
+    used = planes.shape[1]
+    place = len(re)
+    half = place * (place - 1) // 2
+    for m in range(len(re)):
+        planes[m] = re[m, m, :used]
+        for n in range(m + 1, len(re)):
+            planes[place] = re[m, n, :used]
+            planes[place + half] = im[m, n, :used]
+            place += 1
+
+
+@njit(error_model="numpy", nogil=True)
+def _invert_all(covariances: Any, keep: Any, loading: Any, planes: Any) -> None:
+    """Write packed inverses; see `packed_inverses`."""
+    microphones = covariances.shape[2]
+    # Whole blocks, the last one too: numbers that follow each other are taken several at a time.
+    re = np.zeros((microphones, microphones, BLOCK), np.float32)
+    im = np.zeros((microphones, microphones, BLOCK), np.float32)
+    row = np.empty((2, microphones, BLOCK), np.float32)
+    column = np.empty((2, microphones, BLOCK), np.float32)
+    for b in range(len(covariances)):
+        for first in range(0, covariances.shape[1], BLOCK):
+            last = min(first + BLOCK, covariances.shape[1])
+            _load(covariances[b, first:last], keep, loading[b, first:last], re, im)
+            for k in range(microphones):
+                _eliminate(k, re, im, row, column)
+            _pack(re, im, planes[:, b, first:last])
 
 
 with suppress(RuntimeError):  # there is no place to keep it
     _frame.enable_caching()
     _sum.enable_caching()
+    _invert_all.enable_caching()

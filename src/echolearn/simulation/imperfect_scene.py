@@ -16,7 +16,7 @@ above k a = 1, without the shadow).
 """
 
 from dataclasses import dataclass, fields
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy import fft
@@ -176,14 +176,8 @@ class ImperfectScene(Scene):
         length = len(self.probe.samples) + len(loudspeaker) + 2 * AHEAD
         size = fft.next_fast_len(length, real=True)
         delay = np.exp(-2j * np.pi * fft.rfftfreq(size) * late)
-        spectrum = _spectrum(self.probe.samples.tobytes(), size) * fft.rfft(loudspeaker, size)
+        spectrum = signals.burst_spectrum(self.probe.samples, size) * fft.rfft(loudspeaker, size)
         return fft.irfft(spectrum * delay, size)[:length]
-
-
-@lru_cache(maxsize=4)
-def _spectrum(burst: bytes, size: int) -> Array:
-    """Return the spectrum of a burst, which all rows of a set share."""
-    return fft.rfft(np.frombuffer(burst), size)
 
 
 def realistic(
