@@ -47,7 +47,13 @@ def echolearn(*words: str, folder: Path, **variables: str) -> subprocess.Complet
 
 
 def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_from(own, tmp_path):
-    words = ["plan=tiny_scattered", "plan.rows=64"]
+    words = [
+        "plan=tiny_scattered",
+        "plan.rows=64",
+        "plan.t60=[0.25,0.25]",
+        "plan.size_high=[6,6,3]",
+    ]
+    words += ["scene.probe.length=6000", "localizer.azimuths=36"]
     lines = [
         ["generate", *words, "workers=1"],
         ["train", *words, "classifier=plain_score", "--config-dir", "mine"],

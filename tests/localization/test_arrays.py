@@ -187,12 +187,12 @@ def test_elevations_are_found_as_far_as_the_array_tells_them(scene):
     array = array_of(scene)
     normals = anywhere(5)
     for name in ("joint", "em"):
-        echoes = localizer(name, elevations=18)(recorded(array, normals, 1.4))
+        echoes = localizer(name, azimuths=90, elevations=18)(recorded(array, normals, 1.4))
         assert missed(echoes, array, normals, 1.4).max() < 5.0
         below = (echoes.elevation > LEVEL).any()
         assert below == arrays.tells_up(array)
     for name in ("snls", "mclam"):
-        found = localizer(name, elevations=18)(recorded(array, normals, 1.4))
+        found = localizer(name, azimuths=90, elevations=18)(recorded(array, normals, 1.4))
         assert np.median(missed(found, array, normals, 1.4)) < 8.0
         assert (found.elevation > LEVEL + 1e-9).any() == arrays.tells_up(array)
 

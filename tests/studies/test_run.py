@@ -26,11 +26,23 @@ from reference import RING
 PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def brief(small):
     """Return a study of one level and few recordings."""
     one = {"gated": small.localizers["gated"]}
     return replace(small, values=[10.0], positions=2, trials=4, localizers=one)
+
+
+@pytest.fixture(scope="module")
+def carried_out(brief, tmp_path_factory):
+    """Return its folder; not to be changed."""
+    return run_study(brief, name="small", runs=tmp_path_factory.mktemp("brief"), resamples=20)
+
+
+@pytest.fixture
+def copied(carried_out, tmp_path):
+    """Return a copy of it, below `tmp_path`."""
+    return shutil.copytree(carried_out, tmp_path / "study" / "small")
 
 
 def content(folder):
@@ -74,11 +86,12 @@ def test_an_interrupted_study_goes_on_and_ends_the_same(small, folder, tmp_path)
     assert len(lost) == 2 and kept.stat().st_mtime_ns == before
 
 
-def test_another_study_of_that_name_is_refused_whatever_is_left_of_it(brief, tmp_path):
+def test_another_study_of_that_name_is_refused_whatever_is_left_of_it(
+    brief, copied, carried_out, tmp_path
+):
     given = {"name": "small", "runs": tmp_path, "resamples": 20}
-    folder = run_study(brief, **given)
+    folder = copied
     [estimates] = folder.glob("estimates-*")
-    whole = shutil.copytree(folder, tmp_path / "whole")
     changes = ({"values": [20.0]}, {"trials": 5}, {"localizers": {"joint": Joint()}})
 
     def unless_refused():
@@ -93,11 +106,11 @@ def test_another_study_of_that_name_is_refused_whatever_is_left_of_it(brief, tmp
     unless_refused()
     (folder / manifests.MANIFEST).unlink()
     unless_refused()
-    shutil.copy(whole / manifests.MANIFEST, folder)
+    shutil.copy(carried_out / manifests.MANIFEST, folder)
     shutil.rmtree(estimates)
     unless_refused()
     run_study(brief, **given)
-    assert content(folder) == content(whole)
+    assert content(folder) == content(carried_out)
 
 
 def test_a_study_of_version_0_1_is_told_and_stays(brief, tmp_path):
@@ -110,8 +123,10 @@ def test_a_study_of_version_0_1_is_told_and_stays(brief, tmp_path):
     assert (folder / "study.csv").read_text() == "old"
 
 
-def test_other_intervals_and_an_older_format_are_made_from_the_same_estimates(brief, tmp_path):
-    folder = run_study(brief, name="small", runs=tmp_path, resamples=20)
+def test_other_intervals_and_an_older_format_are_made_from_the_same_estimates(
+    brief, copied, tmp_path
+):
+    folder = copied
     [estimates] = folder.glob("estimates-*/*.npy")
     whole, before = content(folder), estimates.stat().st_mtime_ns
     about = manifests.verify(folder) | {"format": 0}
@@ -176,12 +191,11 @@ def test_what_the_paper_says_stands_beside_what_was_found(tmp_path):
     assert said.rstrip("|").count("; at") == 2
 
 
-def test_a_study_of_one_value_has_shares_instead_of_figures(brief, tmp_path):
-    folder = run_study(brief, name="single", runs=tmp_path / "runs", resamples=20)
-    page = bare_page(tmp_path, "single")
-    pages.publish(folder, page)
+def test_a_study_of_one_value_has_shares_instead_of_figures(carried_out, tmp_path):
+    page = bare_page(tmp_path, "small")
+    pages.publish(carried_out, page)
     assert "`gated` 100 [51, 100], `chance` " in page.read_text()
-    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["single.csv"]
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["small.csv"]
 
 
 def test_arrays_are_a_table_that_says_what_each_cannot_tell_or_that_it_is_refused(
