@@ -29,8 +29,7 @@ def filters_of(name: str) -> Filters:
     """
     if name == "compiled":
         return COMPILED
-    hint = "without a GPU compiled is the fast one"
-    check_device("plan.matched_filters", name, hint=hint)
+    check_device("plan.matched_filters", name, hint="compiled and cpu need no GPU")
     return Filters(partial(correlate, device=name), partial(steer, device=name))
 
 

@@ -69,7 +69,7 @@ class TorchImages:
         Raises:
             BadValue: what `check_placement` refuses, or a device that is not there.
         """
-        # Both take long to import, and who asks for a device alone needs neither.
+        # Both take long to import, and most who load this module call it never.
         from scipy.signal import fftconvolve
 
         from echolearn.simulation import image_loops
