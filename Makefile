@@ -8,6 +8,8 @@ RUNS ?= runs
 JOBS ?= 2
 # Each process loads every library for itself: more than four would load longer than they save.
 SIDE_BY_SIDE = -n logical --maxprocesses=4 --dist worksteal
+# Tests start hundreds of processes, which read the package's byte code instead of compiling it, whatever the environment says.
+TESTED = OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 RUN = OMP_NUM_THREADS=1 $(BIN)/echolearn
 # The cut that the tables of README and docs/measured.md were made with.
 TRAIN = $(RUN) train -m -j $(JOBS) aim=balanced
@@ -187,14 +189,14 @@ architecture: ## draw the rooms and who imports whom; writes docs/architecture.s
 	$(PYTHON) docs/draw_architecture.py
 
 test: $(READY) ## run the tests but those for a release
-	@OMP_NUM_THREADS=1 $(BIN)/pytest -q $(SIDE_BY_SIDE)
+	@$(TESTED) $(BIN)/pytest -q $(SIDE_BY_SIDE)
 
 test-release: $(READY) ## run the tests that need fresh environments, a browser or minutes
-	@OMP_NUM_THREADS=1 $(BIN)/pytest -m release --durations=10
+	@$(TESTED) $(BIN)/pytest -m release --durations=10
 
 coverage: $(READY) ## which lines and branches the tests reach
 	@rm -f .coverage .coverage.*
-	COVERAGE_FILE=$(CURDIR)/.coverage OMP_NUM_THREADS=1 $(BIN)/coverage run -m pytest -q $(SIDE_BY_SIDE)
+	COVERAGE_FILE=$(CURDIR)/.coverage $(TESTED) $(BIN)/coverage run -m pytest -q $(SIDE_BY_SIDE)
 	@$(BIN)/coverage combine --quiet && $(BIN)/coverage report --skip-covered --sort=cover
 
 lint: $(READY) ## ruff and mypy

@@ -51,7 +51,7 @@ def problem(inputs, *, rows, seed):
     """Draw rows whose every entry tells a little, in units of very different size."""
     rng = np.random.default_rng(seed)
     y = rng.random(rows) < 0.5
-    shapes = {"covariance": (4, 36), "map": (MAP_SECTORS + 3, 16), "pose": (5, 14)}
+    shapes = {"covariance": (4, 36), "map": (MAP_SECTORS + 3, 8), "pose": (5, 14)}
     shape = shapes.get(view_of(inputs), (len(inputs),))
     push = 0.5 if len(shape) == 2 else 2.2
     scale = 10.0 ** np.linspace(-3, 2, shape[-1])

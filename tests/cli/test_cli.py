@@ -343,7 +343,7 @@ def test_a_sweep_goes_on_after_a_failure_and_leaves_the_same_wherever_its_jobs_r
 
 
 def test_a_finished_run_is_found_without_loading_what_trains(here, capsys):
-    assert main(["generate", *LEARN]) == 0
+    assert main(["generate", *LEARN, "workers=1"]) == 0
     words = ["train", *LEARN, "classifier=threshold_peak"]
     assert main(words) == 0
     path, modules = loaded(*words)
