@@ -84,7 +84,7 @@ def hear(scene):
         if key not in responses:
             places = microphone_positions(scene.array, pose)
             responses[key] = scene.rir(
-                room, pose.position, places, sample_rate=22050.0, speed_of_sound=343.0
+                room, pose.position, microphones=places, sample_rate=22050.0, speed_of_sound=343.0
             )
         robot = replace(scene, probe=noise_probe(seed=probe))
         received = signals.convolve(robot.probe.samples, responses[key], length=robot.probe.length)

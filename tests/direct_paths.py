@@ -150,8 +150,12 @@ def case(changes: tuple[Change, ...], poses: list[Pose]) -> Case:
     about = {"sample_rate": RATE, "speed_of_sound": 343.0}
     open_air = Room((40.0, 40.0, 40.0), 1.2, walls=(0.0,) * 6)
     middle = Pose(np.full(3, 20.0))
-    responses = [images(ROOM, p.position, microphone_positions(ARRAY, p), **about) for p in poses]
-    alone = images(open_air, middle.position, microphone_positions(ARRAY, middle), **about)
+    responses = [
+        images(ROOM, p.position, microphones=microphone_positions(ARRAY, p), **about) for p in poses
+    ]
+    alone = images(
+        open_air, middle.position, microphones=microphone_positions(ARRAY, middle), **about
+    )
     both = [np.array(responses), alone]
     for change in changes:
         both = [change(each) for each in both]

@@ -68,7 +68,7 @@ def reverberation(energy: Array, step: float) -> float:
 def energies(room: PolygonRoom) -> Array:
     """Return the energy of the images at the second microphone, by the sample."""
     given = {"scale": 1.0, "reflection": room.reflection(SPEED), "reach": room.t60 * SPEED}
-    _, plan, upright = lattice(room, SOURCE, MICROPHONES[1:2], **given)
+    _, plan, upright = lattice(room, SOURCE, microphones=MICROPHONES[1:2], **given)
     square = plan[0, 0, :, None] + upright[0, 0]
     gain = plan[0, 1, :, None] * upright[0, 1]
     heard = square < given["reach"] ** 2
@@ -97,7 +97,7 @@ def seconds(room: AnyRoom) -> float:
     taken = []
     for _ in range(6):
         start = time.process_time()
-        Images()(room, SOURCE, places, sample_rate=RATE, speed_of_sound=SPEED)
+        Images()(room, SOURCE, microphones=places, sample_rate=RATE, speed_of_sound=SPEED)
         taken.append(time.process_time() - start)
     return min(taken[1:])
 

@@ -111,11 +111,11 @@ def write_set(plan: Plan, runs: Path) -> Dataset:
     """Write the set of a plan unless it is there, and open it."""
     folder = folder_of(plan, runs)
     if not (folder / manifests.MANIFEST).exists():
-        manifests.write_shard(folder, 0, records(plan, range(len(plan))))
+        manifests.write_shard(folder, 0, array=records(plan, range(len(plan))))
         rows = len(plan) * returned(plan.localizer)
         about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
         about["microphones"] = plan.scene.array.positions.tolist()
-        manifests.finish(folder, about, [manifests.shard_name(0)])
+        manifests.finish(folder, about, files=[manifests.shard_name(0)])
     return Dataset(folder)
 
 

@@ -103,11 +103,7 @@ def check_whole(
     """Raise `BadValue` unless `value` is a whole number in [low, high].
 
     Args:
-        name: dotted name of the argument.
-        value: its value.
-        low, high: least and largest number allowed.
-        unit: of all three, for the message.
-        hint: the likely mistake.
+        name, value, low, high, unit, hint: as those of `check_number`.
     """
     check(
         is_number(value) and isinstance(value, int | np.integer) and low <= value <= high,
@@ -135,7 +131,7 @@ def check_fields(name: str, owner: object, *, ranges: Mapping[str, Range]) -> No
                 check_number(f"{name}.{field}", value, low=low, high=high, unit=unit)
 
 
-def check_range(name: str, limits: Sequence[float], bounds: Range) -> None:
+def check_range(name: str, limits: Sequence[float], *, bounds: Range) -> None:
     """Raise `BadValue` unless `limits` are two ordered numbers within bounds.
 
     Args:
@@ -156,7 +152,13 @@ NO_PATH = "a path is no name"
 
 
 def check_name(name: str, value: object, *, hint: str = NO_PATH) -> None:
-    """Raise `BadValue` unless `value` can name a folder that everybody sees."""
+    """Raise `BadValue` unless `value` can name a folder that everybody sees.
+
+    Args:
+        name: dotted name of the argument.
+        value: its value; text to pass.
+        hint: the likely mistake.
+    """
     text = value if isinstance(value, str) else ""
     plain = text.isprintable() and text == text.strip() and "/" not in text
     check(

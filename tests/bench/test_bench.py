@@ -324,7 +324,9 @@ def test_the_generator_of_habets_computes_the_same_response(scene):
     room = replace(HALL, t60=0.3)
     other = habets(room, scene)()[:, 0]
     at = microphone_positions(scene.array, PLACE)[:1]
-    [own] = Images()(room, PLACE.position, at, sample_rate=22050.0, speed_of_sound=343.0)
+    [own] = Images()(
+        room, PLACE.position, microphones=at, sample_rate=22050.0, speed_of_sound=343.0
+    )
     assert np.sum((other - own) ** 2) < 1e-3 * np.sum(own**2)
     assert peers(room, scene)["rir-generator"].units == pytest.approx(1 / 6)
 

@@ -232,7 +232,7 @@ def test_work_goes_on_where_nobody_can_be_told(lost, here):
 def test_a_name_plays_no_tricks_with_the_terminal(here, capsys):
     folder = here / "a\x1b[2J"
     folder.mkdir()
-    manifests.finish(folder, {}, [])
+    manifests.finish(folder, {}, files=[])
     assert main(["verify", folder.name]) == 0
     assert main(["verify", f"{folder.name}b"]) == main(["train", f"-{folder.name}"]) - 1 == 1
     said = capsys.readouterr()

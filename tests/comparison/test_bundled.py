@@ -105,7 +105,7 @@ def test_who_looks_at_columns_that_are_not_there_is_a_row_that_says_so(world, ru
     )
     robot = robot_in(scattered.manifest["plan"]["scene"])
     lacking = {"holds": lambda names: "joint" not in names}
-    fitting, unfit = split_fitting(inputs.models, inputs.robots, robot, **lacking)
+    fitting, unfit = split_fitting(inputs.models, inputs.robots, tested=robot, **lacking)
     assert {model.classifier: why for model, why in unfit.items()} == {
         TREES: MISSING_COLUMNS,
         ITS_ROW: MISSING_COLUMNS,

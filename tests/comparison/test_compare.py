@@ -22,9 +22,9 @@ from echolearn.comparison.compare import (
     look_closer,
 )
 from echolearn.comparison.drawings import draw_all
-from echolearn.comparison.evaluate import against_baseline
 from echolearn.comparison.examined_figures import draw_examined
 from echolearn.comparison.finding import find_set, find_survey
+from echolearn.comparison.rivals import against_baseline
 from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings, pick, to_csv
 from echolearn.storage import manifests
 from echolearn.training.runs import load_runs
@@ -363,7 +363,7 @@ def test_a_set_of_another_version_is_passed_over(world, put, tmp_path):
     old = put("grid-0123456789ab")
     manifest = manifests.load_manifest(old)
     plan = {key: value for key, value in manifest["plan"].items() if key != "role"}
-    manifests.finish(old, manifest | {"format": 1, "plan": plan}, manifest["files"])
+    manifests.finish(old, manifest | {"format": 1, "plan": plan}, files=manifest["files"])
     with pytest.raises(BadValue, match=r"another version of echolearn; run: echolearn generate"):
         find_set(tmp_path, "grid")
     new = put(world.sets["grid"].folder.name)
@@ -391,7 +391,7 @@ def test_a_set_of_no_plan_beside_the_others_stops_nothing(world, tmp_path, plan)
         (tmp_path / part).symlink_to(world.runs / part)
     shutil.copytree(world.runs / "data", tmp_path / "data")
     (tmp_path / "data" / "odd").mkdir()
-    manifests.finish(tmp_path / "data" / "odd", {"kind": "set", "plan": plan}, [])
+    manifests.finish(tmp_path / "data" / "odd", {"kind": "set", "plan": plan}, files=[])
     keys = ("tested", "surveys", "localizers")
     found = load_inputs(**{key: world.arguments[key] for key in keys}, runs=tmp_path)
     assert [*found.sets] == world.arguments["tested"] and len(found.models) == 5

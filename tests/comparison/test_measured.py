@@ -146,7 +146,7 @@ def test_labels_and_metrics_are_those_of_a_slow_look(walks, rows, world):
     assert one(rows, metric="time_precision", **every)["value"] == pytest.approx(np.mean(timed))
     assert one(rows, metric="true_retention", **every)["value"] == 1.0
     measured = measured_rows(
-        "hall", [walks["loud"], walks["quiet"]], gated, name="gated", resamples=30
+        "hall", [walks["loud"], walks["quiet"]], localizer=gated, name="gated", resamples=30
     )
     assert measured.label == "time_and_direction" and measured.places == SOME // 3
     assert measured.labelled.reference.tolist() == both
@@ -157,7 +157,9 @@ def test_labels_and_metrics_are_those_of_a_slow_look(walks, rows, world):
 
 def test_walls_label_what_has_no_table_of_echoes(walks, rows, world):
     gated = world.arguments["localizers"]["gated"]
-    measured = measured_rows("walled", [walks["walled"]], gated, name="gated", resamples=30)
+    measured = measured_rows(
+        "walled", [walks["walled"]], localizer=gated, name="gated", resamples=30
+    )
     assert measured.label == "on_map" and measured.by_time is None
     kept = one(rows, tested_on="walled", classifier="keep_everything", metric="precision")
     assert kept["value"] == pytest.approx(measured.labelled.reference.mean())
@@ -250,14 +252,14 @@ def test_a_robot_whose_survey_has_fewer_digits_or_is_turned_is_the_same():
     fewer = circular_array(microphones=5)
     known = run_with(ring.positions)
     for array, expected in ((ring, ""), (rounded, ""), (turned, "")):
-        assert misfit(known, trained, robot_of(array, 22050.0)) == expected
+        assert misfit(known, trained, tested=robot_of(array, 22050.0)) == expected
     for array in (wider, fewer):
-        assert misfit(known, trained, robot_of(array, 22050.0)) == OTHER_ARRAY
-    assert misfit(known, trained, robot_of(ring, 48000.0)) == OTHER_RATE
+        assert misfit(known, trained, tested=robot_of(array, 22050.0)) == OTHER_ARRAY
+    assert misfit(known, trained, tested=robot_of(ring, 48000.0)) == OTHER_RATE
     # Runs of before tell the digest of their array alone.
-    assert misfit(run_with(None), trained, robot_of(ring, 22050.0)) == ""
-    assert misfit(run_with(None), trained, robot_of(rounded, 22050.0)) == OTHER_ARRAY
-    assert misfit(known, None, robot_of(fewer, 22050.0)) == ""
+    assert misfit(run_with(None), trained, tested=robot_of(ring, 22050.0)) == ""
+    assert misfit(run_with(None), trained, tested=robot_of(rounded, 22050.0)) == OTHER_ARRAY
+    assert misfit(known, None, tested=robot_of(fewer, 22050.0)) == ""
 
 
 def test_walks_of_another_robot_alone_are_refused_in_one_line(world, walks, tmp_path):

@@ -135,7 +135,7 @@ def test_every_cell_of_the_generalisation_table_is_there(page, rows):
     cells = pick(rows, kind="set", metric="auc", snr_db="")
     assert len(cells) == 3 * (3 + 2 + 1)
     for cell in cells:
-        assert template.interval(cell) in page.text
+        assert template.with_interval(cell) in page.text
 
 
 # ---------------------------------------------------------------- what is drawn
@@ -267,10 +267,10 @@ def test_figures_are_rounded_and_undefined_ones_left_out(value, percent, figure)
 
 def test_an_interval_is_shown_where_there_is_one_and_a_difference_has_a_sign():
     row = {"value": 0.756, "ci_low": 0.7, "ci_high": 0.81}
-    assert template.interval(row) == "0.76 [0.70, 0.81]"
-    assert template.interval(row, 100, 0) == "76 [70, 81]"
-    assert template.interval(row | {"ci_low": NAN, "ci_high": NAN}) == "0.76"
-    assert template.interval(row | {"value": NAN}) == template.interval(None) == ""
+    assert template.with_interval(row) == "0.76 [0.70, 0.81]"
+    assert template.with_interval(row, 100, 0) == "76 [70, 81]"
+    assert template.with_interval(row | {"ci_low": NAN, "ci_high": NAN}) == "0.76"
+    assert template.with_interval(row | {"value": NAN}) == template.with_interval(None) == ""
     test = {"difference": 0.031, "ci_low": -0.002, "ci_high": 0.06}
     assert template.signed(test) == "+3.1 [-0.2, +6.0]"
 

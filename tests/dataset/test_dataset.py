@@ -200,7 +200,7 @@ def test_labels_by_hand(plan, distance, turned, reflector, on_map):
     spot = Spot(plan.room, Pose(np.array([1.0, 2.5, 2.0]), np.pi / 2), NoiseLevels(0.0), 0)
     path = np.linalg.norm([2 * distance, -0.2])
     estimate = np.array([[path / 343.0, np.pi / 2 + turned, np.pi / 2]])
-    found = labels_of(estimate, spot, plan)
+    found = labels_of(estimate, spot, plan=plan)
     assert (found["reflector"][0], found["on_map"][0]) == (reflector, on_map)
     assert found["truth_toa"][0, 0] == pytest.approx(np.hypot(2.0, 0.2) / 343.0)
 
@@ -417,7 +417,7 @@ OLD = {"_target_": "echolearn.plans.GridPlan", "name": "tiny"}
 )
 def test_a_folder_that_is_no_set_of_this_version_is_refused(tmp_path, about, message):
     if about:
-        manifests.finish(tmp_path, about, [])
+        manifests.finish(tmp_path, about, files=[])
     with refused(message.format(tmp_path)):
         Dataset(tmp_path)
 
@@ -432,9 +432,9 @@ def large(tmp_path_factory):
         table = np.empty(len(rows), dtype=[("number", "i8"), ("covariance", "f4", (64, 64))])
         table["number"] = rows
         table["covariance"] = rows[:, None, None]
-        manifests.write_shard(folder, shard, table)
+        manifests.write_shard(folder, shard, array=table)
     about = {"kind": "set", "format": FORMAT, "rows": len(numbers), "plan": {"name": "large"}}
-    manifests.finish(folder, about, names)
+    manifests.finish(folder, about, files=names)
     return Dataset(folder)
 
 

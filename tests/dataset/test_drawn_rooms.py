@@ -55,7 +55,7 @@ def test_a_place_is_in_the_room_and_off_every_wall(seed, outline):
     rng = np.random.default_rng(seed)
     room = drawn_room(outline, SIZE, t60=0.4, wall_factor=(0.7, 1.0), rng=rng)
     margin = ROOMY * 5.0
-    place = drawn_place(room, margin, rng)
+    place = drawn_place(room, margin, rng=rng)
     assert margin <= place[2] <= SIZE[2] - margin
     if isinstance(room, Room):
         assert np.array_equal(room.size, SIZE) and outline == "box"

@@ -51,11 +51,13 @@ def test_labels_by_hand():
 
 def test_near_the_axis_the_angle_between_directions_counts():
     above = truth((100, 0, 2))
-    near = agree(above, np.deg2rad([90.0, 90.0]), np.deg2rad([7.0, 15.0]))
+    near = agree(above, azimuth=np.deg2rad([90.0, 90.0]), elevation=np.deg2rad([7.0, 15.0]))
     assert near[:, 0].tolist() == [True, False]
     # Anywhere else elevation, which many arrays hardly know, does not.
     aside = truth((100, 0, 60))
-    assert agree(aside, np.deg2rad([9.0]), np.deg2rad([90.0])).tolist() == [[True]]
+    assert agree(aside, azimuth=np.deg2rad([9.0]), elevation=np.deg2rad([90.0])).tolist() == [
+        [True]
+    ]
 
 
 LINE = MicArray(np.array([[0.0, 0.1, 0.0], [0.0, 0.0, 0.0], [0.0, -0.2, 0.0]]))
@@ -87,7 +89,7 @@ def test_directions_that_an_array_cannot_tell_apart_count_as_one(array, true, es
     """By azimuth and elevation in degrees."""
     there = truth((100, *true))
     azimuth, elevation = np.deg2rad([[estimated[0]], [estimated[1]]])
-    assert agree(there, azimuth, elevation, array=array).tolist() == [[same]]
+    assert agree(there, azimuth=azimuth, elevation=elevation, array=array).tolist() == [[same]]
 
 
 def test_what_is_not_known_has_no_label():

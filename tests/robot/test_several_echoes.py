@@ -7,7 +7,8 @@ import pytest
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.rooms import outline
-from echolearn.comparison.evaluate import evaluate_survey, robot_at
+from echolearn.comparison.evaluate import evaluate_survey
+from echolearn.comparison.fitting import robot_at
 from echolearn.comparison.localized import localize_survey
 from echolearn.localization.methods.gated import Gated
 from echolearn.robot.scorer import load

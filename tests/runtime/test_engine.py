@@ -156,7 +156,7 @@ def test_every_engine_makes_the_same_set_and_redoes_nothing(option, here, tmp_pa
     """One shard of six is there already."""
     plan = plan_of(SMALL)
     place = folder_of(plan, tmp_path)
-    manifests.write_shard(place, 3, records(plan, range(3, 4)))
+    manifests.write_shard(place, 3, array=records(plan, range(3, 4)))
     before = (place / manifests.shard_name(3)).stat().st_mtime_ns
     assert generate(plan, runs=tmp_path, engine=engine(option, 2)) == place
     assert shards(place) == whole(SMALL)

@@ -41,7 +41,12 @@ def images_of(room, microphone, *, highest):
     gains = room.reflection(SPEED)
     sides = len(room.corners)
     orders = plan_images(
-        room, SOURCE[:2], microphone[None, :2], reflection=gains, reach=200.0, faint=1e-9
+        room,
+        SOURCE[:2],
+        microphones=microphone[None, :2],
+        reflection=gains,
+        reach=200.0,
+        faint=1e-9,
     )
     found = []
     for order, heard in enumerate(islice(orders, highest + 1)):
@@ -119,8 +124,8 @@ def test_a_box_drawn_as_a_polygon_sounds_like_a_box(place, heading):
     microphones = microphone_positions(circular_array(), Pose(np.array(place), heading))
     about = {"sample_rate": RATE, "speed_of_sound": SPEED}
     shift = np.array([-1.0, 2.0, 0.0])
-    expected = Images()(box, np.array(place), microphones, **about)
-    found = Images()(drawn, np.array(place) + shift, microphones + shift, **about)
+    expected = Images()(box, np.array(place), microphones=microphones, **about)
+    found = Images()(drawn, np.array(place) + shift, microphones=microphones + shift, **about)
     error = np.sum((found - expected) ** 2) / np.sum(expected**2)
     assert found.shape == expected.shape and 10 * np.log10(error) < -100.0
 
@@ -128,18 +133,18 @@ def test_a_box_drawn_as_a_polygon_sounds_like_a_box(place, heading):
 def test_what_an_engine_cannot_do_is_refused():
     about = {"sample_rate": RATE, "speed_of_sound": SPEED}
     with refused("rir=pyroom: must be images or torch where the room is no box"):
-        Pyroom()(ROOMS["an L"], SOURCE, MICROPHONES, **about)
+        Pyroom()(ROOMS["an L"], SOURCE, microphones=MICROPHONES, **about)
     with refused("microphones=[3.4, 5.9, 1.1] m: must be inside the 5-cornered 32 m^2 x 3 m room"):
-        Images()(ROOMS["five corners"], SOURCE, MICROPHONES + [0.0, 3.0, 0.0], **about)
+        Images()(ROOMS["five corners"], SOURCE, microphones=MICROPHONES + [0.0, 3.0, 0.0], **about)
     with refused("source=0 m from a wall: must be more than 0.001 m away from it"):
-        Images()(ROOMS["an L"], np.array([2.0, 0.0, 1.0]), MICROPHONES, **about)
+        Images()(ROOMS["an L"], np.array([2.0, 0.0, 1.0]), microphones=MICROPHONES, **about)
 
 
 def test_torch_sums_the_same_images():
     about = {"sample_rate": RATE, "speed_of_sound": SPEED}
     room = replace(ROOMS["a pillar and a door"], t60=0.15)
-    expected = Images()(room, SOURCE, MICROPHONES, **about)
-    found = TorchImages("cpu")(room, SOURCE, MICROPHONES, **about)
+    expected = Images()(room, SOURCE, microphones=MICROPHONES, **about)
+    found = TorchImages("cpu")(room, SOURCE, microphones=MICROPHONES, **about)
     error = np.sum((found - expected) ** 2) / np.sum(expected**2)
     assert found.shape == expected.shape and 10 * np.log10(error) < -100.0
 
@@ -161,8 +166,8 @@ def test_whoever_hears_is_heard_as_well(name):
     room = ROOMS[name]
     here, there = SOURCE[:2], MICROPHONES[1, :2]
     about = {"reflection": room.reflection(SPEED), "reach": 40.0, "faint": 1e-9}
-    forth = np.concatenate(list(plan_images(room, here, there[None], **about)))[:, 1:]
-    back = np.concatenate(list(plan_images(room, there, here[None], **about)))[:, 1:]
+    forth = np.concatenate(list(plan_images(room, here, microphones=there[None], **about)))[:, 1:]
+    back = np.concatenate(list(plan_images(room, there, microphones=here[None], **about)))[:, 1:]
     # Of images out of reach some may be told.
     near = [in_order(images[images[:, 0] < 40.0**2]) for images in (forth, back)]
     assert len(near[0]) == len(near[1]) > 40
@@ -177,9 +182,9 @@ def test_doors_shorten_the_reverberation_and_nothing_else_does():
     energies = []
     for doors in ((), ((0, 2.0, 2.9),), ((0, 2.0, 5.0),)):
         room = PolygonRoom(L, 2.6, 0.3, doors=doors)
-        [response] = Images()(room, SOURCE, MICROPHONES[:1], **about)
+        [response] = Images()(room, SOURCE, microphones=MICROPHONES[:1], **about)
         energies.append(np.sum(response[late] ** 2))
-    whole = Images()(shut, SOURCE, MICROPHONES[:1], **about)[0]
+    whole = Images()(shut, SOURCE, microphones=MICROPHONES[:1], **about)[0]
     assert energies[0] == np.sum(whole[late] ** 2)
     assert 1.0 > energies[1] / energies[0] > energies[2] / energies[1] > 0.0
     assert (shut.faces[1] != DOOR).all()

@@ -99,4 +99,4 @@ def test_a_recording_is_the_sum_of_its_parts():
     rng = np.random.default_rng(5)
     received, direct, noise = rng.standard_normal((3, 2, 50))
     expected = (received - direct + noise) * 0.3
-    assert np.array_equal(noisy_recording(received, direct, noise, gain=0.3), expected)
+    assert np.array_equal(noisy_recording(received, direct, noise=noise, gain=0.3), expected)

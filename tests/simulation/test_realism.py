@@ -306,7 +306,7 @@ def test_ways_out_of_a_box_and_of_its_outline_are_the_same():
     expected = np.min(walls / toward, axis=1)
     corners = ((0.0, 0.0), (6.0, 0.0), (6.0, 5.0), (0.0, 5.0))
     for room in (Room((6.0, 5.0, 3.0), 0.3), PolygonRoom(corners, 3.0, 0.3)):
-        assert np.allclose(ways_out(room, place, toward), expected)
+        assert np.allclose(ways_out(room, place, toward=toward), expected)
         assert free_path(room) == pytest.approx(4 * 90.0 / (2 * (30.0 + 33.0)))
 
 

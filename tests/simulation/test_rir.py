@@ -35,7 +35,7 @@ def small(*walls):
 
 def respond(engine, room, source=SOURCE, microphones=MICROPHONES, **given):
     call = {"sample_rate": RATE, "speed_of_sound": SPEED} | given
-    return engine(room, source, microphones, **call)
+    return engine(room, source, microphones=microphones, **call)
 
 
 def images_of(room, source, microphone, *, reach):

@@ -26,9 +26,9 @@ def contents(folder):
 def finished(folder):
     """Make a small finished folder and return its bytes by file name."""
     for index in range(2):
-        manifests.write_shard(folder, index, np.arange(5.0) + index)
+        manifests.write_shard(folder, index, array=np.arange(5.0) + index)
     files.save_json(folder / "config.json", {"plan": {"step": 0.5}})
-    manifests.finish(folder, ABOUT, ["shard-00000.npy", "shard-00001.npy", "config.json"])
+    manifests.finish(folder, ABOUT, files=["shard-00000.npy", "shard-00001.npy", "config.json"])
     return contents(folder)
 
 
@@ -86,7 +86,7 @@ FOREIGN = ["echolearn train; rm -r x", "echolearn train\nrm", "echolearn 'train"
 
 def advised(folder, command):
     """Return what is advised about a folder that was made here by a command."""
-    return repair_hint(manifests.finish(folder, {"command": command}, []), folder)
+    return repair_hint(manifests.finish(folder, {"command": command}, files=[]), folder)
 
 
 def test_only_a_command_line_of_ones_own_is_advised(tmp_path):
@@ -99,7 +99,7 @@ def test_only_a_command_line_of_ones_own_is_advised(tmp_path):
 def test_the_command_of_a_stranger_is_not_advised(tmp_path, monkeypatch):
     with monkeypatch.context() as elsewhere:
         elsewhere.setenv("XDG_STATE_HOME", str(tmp_path / "another"))
-        manifest = manifests.finish(tmp_path, {"command": "echolearn train runs=/"}, [])
+        manifest = manifests.finish(tmp_path, {"command": "echolearn train runs=/"}, files=[])
     assert repair_hint(manifest, tmp_path) == "make it again as it was made"
 
 
@@ -128,14 +128,14 @@ def test_the_largest_set_is_read_again():
 def test_a_manifest_that_nobody_would_read_is_not_written(tmp_path):
     """What the shards are known by stays, so that nothing is lost."""
     name = manifests.shard_name(0)
-    manifests.write_shard(tmp_path, 0, np.arange(5.0))
+    manifests.write_shard(tmp_path, 0, array=np.arange(5.0))
     before = contents(tmp_path)
     about = {"plan": "x" * 1000}
     said = r"1\d\d\d bytes: at most 1000 bytes; it names 1 files; of a set, make plan"
     with pytest.raises(BadValue, match=said):
-        manifests.finish(tmp_path, about, [name], largest=1000)
+        manifests.finish(tmp_path, about, files=[name], largest=1000)
     assert contents(tmp_path) == before
-    size = len(files.json_bytes(manifests.finish(tmp_path, about, [name])))
+    size = len(files.json_bytes(manifests.finish(tmp_path, about, files=[name])))
     assert manifests.load_manifest(tmp_path, largest=size)["plan"] == about["plan"]
     with pytest.raises(BadValue, match=f"={size} bytes: at most {size - 1} bytes"):
         manifests.load_manifest(tmp_path, largest=size - 1)
@@ -143,7 +143,9 @@ def test_a_manifest_that_nobody_would_read_is_not_written(tmp_path):
 
 def test_the_metrics_of_a_run_are_a_manifest_too(tmp_path):
     files.save_json(tmp_path / "config.json", {"seed": 1})
-    written = manifests.finish(tmp_path, {"auc": (0.5,)}, ["config.json"], last=manifests.METRICS)
+    written = manifests.finish(
+        tmp_path, {"auc": (0.5,)}, files=["config.json"], last=manifests.METRICS
+    )
     assert sorted(contents(tmp_path)) == ["config.json", "metrics.json"]
     assert manifests.verify(tmp_path) == written
     assert written["auc"] == [0.5], "tuples become lists, as in JSON"
@@ -161,7 +163,7 @@ def test_the_metrics_of_a_run_are_a_manifest_too(tmp_path):
 def test_only_what_is_absent_torn_or_damaged_is_missing(tmp_path):
     paths = [tmp_path / manifests.shard_name(index) for index in range(5)]
     for index in range(5):
-        manifests.write_shard(tmp_path, index, np.arange(8.0) * index)
+        manifests.write_shard(tmp_path, index, array=np.arange(8.0) * index)
     paths[0].unlink()
     manifests.sidecar(paths[1]).unlink()
     paths[2].write_bytes(paths[2].read_bytes()[:-3])
@@ -174,8 +176,8 @@ def test_a_finished_set_is_mended_by_redoing_the_damaged_shard_alone(tmp_path):
     assert manifests.missing_shards(tmp_path, 2) == []
     (tmp_path / "shard-00001.npy").write_bytes(before["shard-00001.npy"][:-1] + b"\x01")
     assert manifests.missing_shards(tmp_path, 2) == [1]
-    manifests.write_shard(tmp_path, 1, np.arange(5.0) + 1)
-    manifests.finish(tmp_path, ABOUT, sorted(set(before) - {manifests.MANIFEST}))
+    manifests.write_shard(tmp_path, 1, array=np.arange(5.0) + 1)
+    manifests.finish(tmp_path, ABOUT, files=sorted(set(before) - {manifests.MANIFEST}))
     assert contents(tmp_path) == before
 
 

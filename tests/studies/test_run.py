@@ -131,7 +131,7 @@ def test_other_intervals_and_an_older_format_are_made_from_the_same_estimates(
     whole, before = content(folder), estimates.stat().st_mtime_ns
     about = manifests.verify(folder) | {"format": 0}
     (folder / "study.md").write_text("as it was")
-    manifests.finish(folder, about, ["study.csv", "study.md"])
+    manifests.finish(folder, about, files=["study.csv", "study.md"])
     # What killed commands have left.
     for left in (folder / ".study.md", folder / "figures" / ".map.svg"):
         left.with_name(f"{left.name}.0123456789ab.tmp").touch()

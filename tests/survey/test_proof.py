@@ -18,7 +18,7 @@ from echolearn.survey.poses import poses_csv
 def seal(folder):
     """Write the manifest of a survey that has none."""
     names = proof.used(reader.read_survey(folder))
-    manifests.finish(folder, {"kind": "survey"}, names, largest=manifests.FOREIGN)
+    manifests.finish(folder, {"kind": "survey"}, files=names, largest=manifests.FOREIGN)
 
 
 @pytest.mark.release
@@ -36,7 +36,7 @@ def test_what_a_long_walk_is_made_from_is_not_too_large(brief, tmp_path):
     for name in files[2:]:
         (few / name).hardlink_to(few / files[1])
     names = ["survey.yaml", "probe.wav", "poses.csv", "simulated.json", *files]
-    manifests.finish(few, about, names, largest=manifests.FOREIGN)
+    manifests.finish(few, about, files=names, largest=manifests.FOREIGN)
     read, proved = proof.read_proved(few)
     assert (len(read.poses), proved) == (len(walk), len(walk) + 4)
 
@@ -90,6 +90,6 @@ def test_a_recording_by_a_name_that_says_nothing_is_limited(folder):
     with (folder / "1.raw").open("ab") as file:
         file.truncate(2 << 20)
     (folder / "manifest.json").unlink()
-    manifests.finish(folder, {"kind": "survey"}, [*proof.used(reader.read_survey(folder))])
+    manifests.finish(folder, {"kind": "survey"}, files=[*proof.used(reader.read_survey(folder))])
     with pytest.raises(BadValue, match="1.raw=2097152 bytes: must be at most 1048576"):
         proof.verify_survey(folder)

@@ -41,7 +41,7 @@ def copied(run, runs, *, name="", **changes):
     """Copy a run into another folder of runs, with other metrics; None takes one away."""
     folder = Path(shutil.copytree(run.folder, runs / "train" / (name or run.identity)))
     about = {k: v for k, v in {**run.metrics, **changes}.items() if v is not None}
-    manifests.finish(folder, about, list(about["files"]), last=manifests.METRICS)
+    manifests.finish(folder, about, files=list(about["files"]), last=manifests.METRICS)
     return folder
 
 

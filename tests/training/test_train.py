@@ -72,7 +72,7 @@ def make_set(folder, *, positions, each=1, shards=1):
     for name, value in columns.items():
         table[name] = value
     for shard, part in enumerate(np.array_split(table, shards)):
-        manifests.write_shard(folder, shard, part)
+        manifests.write_shard(folder, shard, array=part)
     about = {
         "kind": "set",
         "format": FORMAT,
@@ -80,7 +80,7 @@ def make_set(folder, *, positions, each=1, shards=1):
         "plan": {"name": "toy"},
         "command": "echolearn generate plan=toy",
     }
-    manifests.finish(folder, about, [manifests.shard_name(shard) for shard in range(shards)])
+    manifests.finish(folder, about, files=[manifests.shard_name(shard) for shard in range(shards)])
     return Dataset(folder)
 
 

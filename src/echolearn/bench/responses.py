@@ -120,7 +120,7 @@ def responding(
         engine,
         room,
         pose.position,
-        microphone_positions(scene.array, pose),
+        microphones=microphone_positions(scene.array, pose),
         sample_rate=scene.probe.sample_rate,
         speed_of_sound=scene.speed_of_sound,
     )

@@ -180,7 +180,7 @@ def write_results(
     for name, content in files.items():
         write_atomic(folder / name, content)
     about = {"kind": "benchmark", **manifests.command_entry(command)}
-    manifests.finish(folder, about, files)
+    manifests.finish(folder, about, files=files)
 
 
 def in_seven_digits(row: Mapping[str, Any]) -> dict[str, Any]:

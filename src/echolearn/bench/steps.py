@@ -40,7 +40,7 @@ def steps(setting: Setting) -> Iterator[Measurement]:
         known = [
             *simulating(plan, count),
             *estimating(plan, observation),
-            *writing(plan, count, Path(place)),
+            *writing(plan, count, place=Path(place)),
         ]
         for name, work, peer in track(known, "bench steps"):
             contestants = {name: Contestant(work, units=count)}
@@ -114,7 +114,7 @@ def estimating(plan: Plan, observation: Observation) -> Iterator[Step]:
     yield "all features", described, None
 
 
-def writing(plan: Plan, count: int, place: Path) -> Iterator[Step]:
+def writing(plan: Plan, count: int, *, place: Path) -> Iterator[Step]:
     """Yield how records are written: with checksum, sync and rename, or plainly.
 
     Args:
@@ -131,4 +131,4 @@ def writing(plan: Plan, count: int, place: Path) -> Iterator[Step]:
         np.save(buffer, table, allow_pickle=False)
         (place / "plain.npy").write_bytes(buffer.getvalue())
 
-    yield "writing", lambda: manifests.write_shard(place, 0, table), plainly
+    yield "writing", lambda: manifests.write_shard(place, 0, array=table), plainly

@@ -123,7 +123,13 @@ def calibrate(
 
 
 def mapping_of(decision: Array, y: Array, *, method: str) -> Mapping:
-    """Return the mapping that decisions (B,) and labels (B,) call for by one of `METHODS`."""
+    """Return the mapping from decisions to confidences that labels call for.
+
+    Args:
+        decision: shape (B,), of any scale.
+        y: True for a reflector, shape (B,).
+        method: one of `METHODS`.
+    """
     if method == "isotonic":
         return isotonic(decision, y)
     return Sigmoid(*platt(decision, y, centred=method == "temperature"))

@@ -6,13 +6,22 @@ A command receives plain containers, as `compose.compose` returns them; its docs
 `echolearn --help` says. Libraries are imported inside, so that asking for help stays fast.
 """
 
-import re
 import shlex
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from echolearn.cli.keys import (
+    built,
+    leave_out,
+    needed,
+    open_set,
+    opened_set,
+    path_of,
+    recorded_survey,
+)
 
 if TYPE_CHECKING:
     from echolearn.cli.config import Config
@@ -27,8 +36,8 @@ def _generate(config: "Config") -> Path:
 
     return generate(
         runs=Path(config["runs"]),
-        **_built(config, "plan engine"),
-        command=_leave_out(("engine", "workers="), config["command"]),
+        **built(config, "plan engine"),
+        command=leave_out(("engine", "workers="), config["command"]),
     )
 
 
@@ -40,15 +49,15 @@ def _train(config: "Config") -> Path:
     from echolearn.training.train import train
 
     classifier = _without(config["classifier"], config["without"])
-    division = _built(config, "target seed split test_share validation_share train_rows")
+    division = built(config, "target seed split test_share validation_share train_rows")
     result = train(
-        LearningProblem(_open_set(config), **division),
+        LearningProblem(open_set(config), **division),
         # Built only if it has to be trained, since its library takes seconds to load.
         classifier=partial(build, classifier, "classifier"),
         config=by_short_names(classifier),
         runs=Path(config["runs"]),
         microphones=build(config["scene"]["array"], "scene.array").positions,
-        **_built(config, "name folds calibration aim without command"),
+        **built(config, "name folds calibration aim without command"),
     )
     return Path(config["runs"]) / "train" / str(result["run"])
 
@@ -79,7 +88,7 @@ def _survey(config: "Config") -> Path:
     return survey(
         levels=NoiseLevels(config["snr_db"], config["sdnr_db"], config["pings"]),
         runs=Path(config["runs"]),
-        **_built(config, "name room scene poses start seed noise_seconds realism command"),
+        **built(config, "name room scene poses start seed noise_seconds realism command"),
     )
 
 
@@ -89,9 +98,9 @@ def _import(config: "Config") -> Path:
 
     return import_survey(
         runs=Path(config["runs"]),
-        folder=_path(config["folder"]),
-        **_built(config["scene"], "probe", prefix="scene."),
-        **_built(config, "name source protocol snr_db draw command"),
+        folder=path_of(config["folder"]),
+        **built(config["scene"], "probe", prefix="scene."),
+        **built(config, "name source protocol snr_db draw command"),
     )
 
 
@@ -101,9 +110,9 @@ def _compare(config: "Config") -> None:
 
     compare(
         runs=Path(config["runs"]),
-        readme=_path(config["readme"]),
+        readme=path_of(config["readme"]),
         plan_of=_plan_of,
-        **_built(config, "name tested surveys bundles localizers workers resamples command"),
+        **built(config, "name tested surveys bundles localizers workers resamples command"),
     )
 
 
@@ -138,16 +147,16 @@ def _study(config: "Config") -> None:
     from echolearn.studies.study import Study
 
     _check_bursts(config)
-    page = _path(config["page"])
+    page = path_of(config["page"])
     if page:
         # Before the work of an hour.
         check_page(page, config["name"])
     keys = " ".join(field.name for field in fields(Study))
     made = run_study(
-        Study(**_built(config, keys, prefix="study.")),
+        Study(**built(config, keys, prefix="study.")),
         runs=Path(config["runs"]),
-        command=_leave_out(("page=", "workers="), config["command"]),
-        **_built(config, "name workers resamples"),
+        command=leave_out(("page=", "workers="), config["command"]),
+        **built(config, "name workers resamples"),
     )
     if page:
         publish(made, page)
@@ -170,10 +179,10 @@ def _bench(config: "Config") -> Path:
     return bench(
         localizers=localizers(config["choice"]["plan"]),
         runs=Path(config["runs"]),
-        page=_path(config["page"]),
-        scaling=_path(config["scaling"]),
-        **_built(config, "plan growing realistic stages workers repetitions long_repetitions"),
-        **_built(config, "seconds batch positions rows t60 peer_t60 microphones azimuths command"),
+        page=path_of(config["page"]),
+        scaling=path_of(config["scaling"]),
+        **built(config, "plan growing realistic stages workers repetitions long_repetitions"),
+        **built(config, "seconds batch positions rows t60 peer_t60 microphones azimuths command"),
     )
 
 
@@ -182,13 +191,13 @@ def _export(config: "Config") -> Path:
     from echolearn.training.export import export
 
     return export(
-        run=_path(config["run"]),
-        best=_path(config["best"]),
-        card=_path(config["card"]),
+        run=path_of(config["run"]),
+        best=path_of(config["best"]),
+        card=path_of(config["card"]),
         runs=Path(config["runs"]),
-        **_built(config["scene"], "array probe", prefix="scene."),
-        command=_leave_out(("card=", "evidence="), config["command"]),
-        **_built(config, "name aim resamples evidence"),
+        **built(config["scene"], "array probe", prefix="scene."),
+        command=leave_out(("card=", "evidence="), config["command"]),
+        **built(config, "name aim resamples evidence"),
     )
 
 
@@ -198,11 +207,11 @@ def _map(config: "Config") -> Path:
     from echolearn.robot.survey_map import map_survey
 
     return map_survey(
-        survey=_recorded(config),
-        bundle=find_bundle(_needed(config, "bundle", allowed=ALLOWED), Path(config["runs"])),
+        survey=recorded_survey(config),
+        bundle=find_bundle(needed(config, "bundle", allowed=ALLOWED), Path(config["runs"])),
         runs=Path(config["runs"]),
-        **_built(config, "name resolution resample direct played ros"),
-        **_built(config, "without gains localizer command"),
+        **built(config, "name resolution resample direct played ros"),
+        **built(config, "without gains localizer command"),
     )
 
 
@@ -213,10 +222,10 @@ def _check(config: "Config") -> Path:
 
     runs = Path(config["runs"])
     return check_survey(
-        survey=_recorded(config),
+        survey=recorded_survey(config),
         bundle=find_bundle(config["bundle"], runs) if config["bundle"] else None,
         runs=runs,
-        **_built(config, "name resample direct played without gains command"),
+        **built(config, "name resample direct played without gains command"),
     )
 
 
@@ -229,7 +238,7 @@ def _fit(config: "Config") -> Path:
     from echolearn.survey.reader import read_survey
     from echolearn.training.own_robot import FilterRecipe, order_for
 
-    survey = _recorded(config)
+    survey = recorded_survey(config)
     # What is wrong with it is said of it, not of the scene that is taken from it.
     read_survey(survey)
     plan = build(config["plan"], "plan")
@@ -244,10 +253,10 @@ def _fit(config: "Config") -> Path:
         plan,
         partial(build, classifier, "classifier"),
         window=window,
-        **_built(config, "target calibration aim"),
+        **built(config, "target calibration aim"),
     )
     runs = Path(config["runs"])
-    order = order_for(survey, recipe, runs=runs, **_built(config, "name"))
+    order = order_for(survey, recipe, runs=runs, **built(config, "name"))
     return _fitted(order, config)
 
 
@@ -263,16 +272,19 @@ def _fitted(order: "Order", config: "Config") -> Path:
     from echolearn.training.train import train
 
     runs = Path(config["runs"])
-    again: Any = {"runs": runs, "command": _leave_out(("engine", "workers="), config["command"])}
+    again: Any = {
+        "runs": runs,
+        "command": leave_out(("engine", "workers="), config["command"]),
+    }
     scene = order.plan.scene
-    place = generate(order.plan, **_built(config, "engine"), **again)
+    place = generate(order.plan, **built(config, "engine"), **again)
     result = train(
-        LearningProblem(_opened(place.resolve()), target=order.target, seed=config["seed"]),
+        LearningProblem(opened_set(place.resolve()), target=order.target, seed=config["seed"]),
         name=config["choice"]["classifier"],
         classifier=partial(build, config["classifier"], "classifier"),
         config=by_short_names(config["classifier"]),
         microphones=scene.array.positions,
-        **_built(config, "calibration aim"),
+        **built(config, "calibration aim"),
         **again,
     )
     # Another filter for the same survey has another bundle: robots may still carry this one.
@@ -330,67 +342,3 @@ def localizers(plan: str) -> dict[str, Any]:
     names = options_of("localizer")
     jobs = compose("generate", [f"plan={plan}", f"localizer={','.join(names)}"], many=True)
     return {job["choice"]["localizer"]: build(job["localizer"], "localizer") for _, job in jobs}
-
-
-def _open_set(config: "Config") -> "Dataset":
-    """Open the set of a configuration's plan."""
-    from echolearn.checks import check
-    from echolearn.dataset.generate import folder_of
-
-    place = folder_of(**_built(config, "plan"), runs=Path(config["runs"]))
-    allowed = f"must be a set that exists under {place.parent}"
-    hint = f"run: {_generating(config)}"
-    check(place.is_dir(), "plan", place.name, allowed=allowed, hint=hint)
-    return _opened(place.resolve())
-
-
-def _generating(config: "Config") -> str:
-    """Return the command line that makes the set on which a job trains: its words about the set."""
-    from echolearn.cli.own import folder
-
-    known = (folder() / "generate.yaml").read_text()
-    words = shlex.split(config["command"])[2:]
-    keys = [re.split(r"[.@=]", word)[0] for word in words]
-    found = [re.search(rf"(?m)^(  - )?{re.escape(key)}:", known) for key in keys]
-    options = [word.startswith("--config-dir=") for word in words]
-    own = [word for word, *there in zip(words, found, options, strict=True) if any(there)]
-    return shlex.join(["echolearn", "generate", *own])
-
-
-@cache
-def _opened(place: Path) -> "Dataset":
-    """Open a set once for all the jobs of a multirun: every byte of it is checked."""
-    from echolearn.dataset.labelled_set import Dataset
-
-    return Dataset(place)
-
-
-def _built(config: "Config", keys: str, *, prefix: str = "") -> "Config":
-    """Return some keys of a configuration, built; their names are separated by blanks."""
-    from echolearn.cli.config import build
-
-    return {key: build(config[key], f"{prefix}{key}") for key in keys.split()}
-
-
-def _path(text: str | None) -> Path | None:
-    return Path(text) if text else None
-
-
-def _recorded(config: "Config") -> Path:
-    """Return the folder of the survey that a command reads."""
-    return _needed(config, "survey", allowed="must be a folder in the recorded-survey format")
-
-
-def _needed(config: "Config", key: str, *, allowed: str) -> Path:
-    """Return the folder that a key names, which has no default."""
-    from echolearn.checks import check
-
-    hint = f"name it: {' '.join(config['command'].split()[:2])} {key}=<folder>"
-    check(bool(config[key]), key, config[key], allowed=allowed, hint=hint)
-    return Path(config[key])
-
-
-def _leave_out(beginnings: tuple[str, ...], command: str) -> str:
-    """Return a command line without the words that have no influence on what it makes."""
-    words = [word for word in shlex.split(command) if not word.startswith(beginnings)]
-    return shlex.join(words)

@@ -175,7 +175,7 @@ def command_of(command: str, words: Sequence[str], *, primary: str | None) -> st
     return shlex.join(["echolearn", command, *words, *options])
 
 
-def show_info(wish: str, primary: str, words: Sequence[str]) -> str:
+def show_info(wish: str, primary: str, *, words: Sequence[str]) -> str:
     """Return what Hydra tells of how a configuration is put together.
 
     Args:

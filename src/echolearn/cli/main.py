@@ -163,7 +163,7 @@ def run(command: str, words: Sequence[str], *, trace: bool) -> None:
     if options.info:
         from echolearn.cli.compose import show_info
 
-        print(show_info(options.info, options.config_name or command, sweeps[0]))
+        print(show_info(options.info, options.config_name or command, words=sweeps[0]))
         return
     jobs = composed(command, sweeps, options=options)
     if options.cfg:

@@ -135,7 +135,9 @@ def _is_kind(made: Any, kinds: tuple[type, ...]) -> bool:
     if not _is_protocol(kinds[0]):
         return issubclass(made, kinds)
     members = vars(kinds[0]).items()
-    return all(_takes(made, name, method) for name, method in members if _is_method(name, method))
+    return all(
+        _takes(made, name, wanted=method) for name, method in members if _is_method(name, method)
+    )
 
 
 def _is_protocol(kind: type) -> bool:
@@ -147,7 +149,7 @@ def _is_method(name: str, member: object) -> bool:
     return inspect.isfunction(member) and (name == "__call__" or not name.startswith("_"))
 
 
-def _takes(made: type, name: str, wanted: Callable[..., Any]) -> bool:
+def _takes(made: type, name: str, *, wanted: Callable[..., Any]) -> bool:
     """Tell whether a class has a method that can be called as another one."""
     # A class can be called itself, which says nothing of its instances.
     found = next((vars(base)[name] for base in made.__mro__ if name in vars(base)), None)

@@ -65,8 +65,14 @@ def trained(comparison: Comparison) -> Mapping[Model, Sequence[Run]]:
     return {model: runs for model, runs in every if model.role != BUNDLE}
 
 
-def is_evaluated(comparison: Comparison, model: Model, name: str) -> bool:
-    """Tell whether a model has figures on a set: it fits its robot and its columns."""
+def is_evaluated(comparison: Comparison, model: Model, *, name: str) -> bool:
+    """Tell whether a model has figures on a set: it fits its robot and its columns.
+
+    Args:
+        comparison: what has been evaluated.
+        model: one of its models.
+        name: of one of its sets.
+    """
     rows = pick(comparison.rows, tested_on=name, kind="set", **model._asdict())
     return any(row["metric"] not in UNFIT for row in rows)
 

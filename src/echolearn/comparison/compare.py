@@ -87,7 +87,7 @@ def compare(
             that differ in their settings but not in their name, a README without the markers.
     """
     lists = {"tested": tested, "surveys": surveys, "bundles": bundles}
-    _check(name, lists, readme, resamples=resamples, workers=workers)
+    _check(name, lists, readme=readme, resamples=resamples, workers=workers)
     inputs = load_inputs(Path(runs), **lists, localizers=localizers)
     known = identity(inputs) | {"resamples": resamples, "report": report.FORMAT}
     folder = Path(runs) / "compare" / name
@@ -98,7 +98,7 @@ def compare(
         more: Any = {"trained": inputs.trained, "plan_of": plan_of, "resamples": resamples}
         examined = look_closer(comparison, **more)
         about = {"kind": "comparison", "inputs": known, **command_entry(command)}
-        return _write(folder, comparison, examined, about=about)
+        return _write(folder, comparison, examined=examined, about=about)
 
     # Shown is what this command has made or found: another one may write into the folder by now.
     found = once(folder, finished=partial(_finished, folder, known), make=make, doing="makes it")
@@ -109,8 +109,8 @@ def compare(
 def _check(
     name: str,
     lists: Mapping[str, Sequence[str]],
-    readme: Path | None,
     *,
+    readme: Path | None,
     resamples: int,
     workers: int,
 ) -> None:
@@ -225,12 +225,12 @@ def _finished(folder: Path, inputs: Mapping[str, Any]) -> Contents | None:
     with suppress(BadValue):
         manifest = verify(folder)
         if manifest.get("inputs") == inputs:
-            return listed_bytes(folder, manifest, report.SHOWN)
+            return listed_bytes(folder, manifest, names=report.SHOWN)
     return None
 
 
 def _write(
-    folder: Path, comparison: Comparison, examined: Examined, *, about: Mapping[str, Any]
+    folder: Path, comparison: Comparison, *, examined: Examined, about: Mapping[str, Any]
 ) -> Contents:
     """Write a comparison's files, and return those that are shown.
 
@@ -258,7 +258,7 @@ def _write(
     files |= report.make(comparison, drawings=drawings, name=folder.name, examined=examined)
     for file, content in files.items():
         write_atomic(folder / file, content)
-    finish(folder, {**about, "chosen": chosen_run(comparison).identity}, files)
+    finish(folder, {**about, "chosen": chosen_run(comparison).identity}, files=files)
     return {name: files[name] for name in report.SHOWN if name in files}
 
 

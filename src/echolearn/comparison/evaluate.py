@@ -1,8 +1,7 @@
 """Evaluate all models on all sets and surveys, shared out among processes."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, product
 from pathlib import Path
@@ -11,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from echolearn.checks import check
 from echolearn.comparison.choice import Comparison, closely
 from echolearn.comparison.fitting import (
     Robot,
-    robot_in,
-    robot_of,
+    check_some_fit,
+    fitting_set,
+    robot_at,
     split_fitting,
     unfit_rows,
 )
@@ -29,8 +28,8 @@ from echolearn.comparison.pooled import (
     set_shares,
     walk_shares,
 )
-from echolearn.comparison.recorded import health_of, is_examined, lines_of
-from echolearn.comparison.rivals import BASELINE, baselines, fold_tests, further_tests
+from echolearn.comparison.recorded import healths_of
+from echolearn.comparison.rivals import against_baseline, fold_tests, further_tests
 from echolearn.comparison.robustness import changes, under_conditions
 from echolearn.comparison.tables import SHOWN_DB
 from echolearn.dataset.labelled_set import Dataset
@@ -39,22 +38,17 @@ from echolearn.evaluation.calibration_rows import score_calibration
 from echolearn.evaluation.rows import (
     OTHER_LOCALIZER,
     PAPER,
-    UNFIT,
-    LabelledRows,
     LocalizedSurvey,
     MeasuredRows,
     Model,
     Predictions,
     Recordings,
     Row,
-    distinct,
-    pick,
 )
 from echolearn.localization.localizer import Localizer
 from echolearn.runtime.processes import processes
 from echolearn.runtime.progress import track
 from echolearn.survey.health import Health
-from echolearn.survey.reader import read_survey
 from echolearn.training.predictions import (
     label_rows,
     predict_echoes,
@@ -151,7 +145,7 @@ def evaluations(inputs: Inputs, *, resamples: int, workers: int) -> list[Evaluat
     mapped = [folder for folder in inputs.surveys.values() if is_mapped(folder)]
     with processes(workers) as pool:
         # Whatever is refused is so before any work, once for all localizers.
-        healths = _healths(inputs, pool)
+        healths = healths_of(inputs.surveys.values(), pool)
         shared: Any = {"robots": inputs.robots, "resamples": resamples}
         for dataset in inputs.sets.values():
             jobs.append(pool.submit(evaluate_set, models, dataset.folder, best=best, **shared))
@@ -164,25 +158,6 @@ def evaluations(inputs: Inputs, *, resamples: int, workers: int) -> list[Evaluat
             jobs.append(pool.submit(evaluate_measured, models, group, folders=folders, **given))
         waiting = track(jobs, "evaluate", unit="sets and surveys")
         return [job.result() for job in waiting]
-
-
-def _healths(inputs: Inputs, pool: ProcessPoolExecutor) -> dict[Path, Health]:
-    """Return what recorded surveys say about themselves, by their folders, and tell it."""
-    walked = [folder for folder in inputs.surveys.values() if is_examined(folder)]
-    healths = dict(zip(walked, pool.map(health_of, walked), strict=True))
-    for line in lines_of(healths.items()):
-        print(line, file=sys.stderr, flush=True)
-    return healths
-
-
-def check_some_fit(rows: Sequence[Row]) -> None:
-    """Raise `BadValue` if walks are mapped for whose robot no run was trained."""
-    walks = pick(rows, kind="survey")
-    known = any(row["role"] != "reference" and row["metric"] not in UNFIT for row in walks)
-    names = ", ".join(distinct(walks, "tested_on"))
-    allowed = "must be of an array and a rate for which a run was trained"
-    hint = "generate and train with their scene, scene=..."
-    check(known or not walks, "surveys", names, allowed=allowed, hint=hint)
 
 
 def evaluate_set(
@@ -207,7 +182,7 @@ def evaluate_set(
     """
     dataset = Dataset(folder)
     labelled = label_rows(dataset, resamples=resamples)
-    models, unfit = fitting_set(models, dataset, robots)
+    models, unfit = fitting_set(models, dataset, robots=robots)
     runs = chain.from_iterable(models.values())
     known = dataset.digest in {run.data_digest for run in runs}
     predictions = predicted(models, lambda run: predict_rows(run, dataset, held_out=known))
@@ -231,30 +206,16 @@ def evaluate_set(
     return Evaluation(rows, tests, shares=shares)
 
 
-def fitting_set(
-    models: Models, dataset: Dataset, robots: Mapping[str, Robot]
-) -> tuple[dict[Model, Sequence[Run]], dict[Model, str]]:
-    """Return the models that can say something about a set, and of the others why not.
-
-    Args:
-        models: finished runs of each model.
-        dataset: the set.
-        robots: robots of training sets, by the sets' digests.
-    """
-    robot = robot_in(dataset.manifest["plan"]["scene"])
-    return split_fitting(models, robots, robot, holds=dataset.holds, data=dataset.digest)
-
-
 def evaluate_conditions(inputs: Inputs, *, resamples: int) -> list[Row]:
     """Return the rows about sets that repeat positions of others under another condition."""
     repeated = under_conditions(inputs.sets)
-    names = {*repeated, *repeated.values()}
+    names = sorted({*repeated, *repeated.values()})
     # Who was trained at these positions is asked only about those that its split held out.
     trained = {run.data_digest for runs in inputs.models.values() for run in runs}
     known = any(inputs.sets[name].digest in trained for name in names)
     given: dict[Model, dict[str, list[Predictions]]] = {}
     for name in names:
-        fit, _ = fitting_set(inputs.models, inputs.sets[name], inputs.robots)
+        fit, _ = fitting_set(inputs.models, inputs.sets[name], robots=inputs.robots)
         for model, runs in fit.items():
             answers = [predict_rows(run, inputs.sets[name], held_out=known) for run in runs]
             given.setdefault(model, {})[name] = answers
@@ -290,7 +251,7 @@ def evaluate_survey(
     about: Any = {"further": looked_at(models), "health": healths.get(folder)}
     survey = localize_survey(folder, localizers[name], name=name, resamples=resamples, **about)
     holds = survey.columns.keys().__ge__
-    models, unfit = split_fitting(models, robots, robot_at(folder), holds=holds)
+    models, unfit = split_fitting(models, robots, tested=robot_at(folder), holds=holds)
     references = scoring.trivial_predictions(survey.labelled.reference)
     predictions = predicted(models, lambda run: predict_echoes(run, survey))
     everyone = {Model(who): [given] for who, given in references.items()} | predictions
@@ -337,13 +298,15 @@ def evaluate_measured(
     robot = robot_at(folders[0])
     about: Any = {"further": looked_at(models), "healths": healths, "resamples": resamples}
     try:
-        measured = measured_rows(group, folders, localizers[name], name=name, **about)
+        measured = measured_rows(group, folders, localizer=localizers[name], name=name, **about)
     except Unheard as error:
         print(f"{group}, {name}: {error}", file=sys.stderr, flush=True)
         source = Recordings(group, kind="measured", localizer=name)
-        _, unfit = split_fitting(models, robots, robot, holds=lambda _: True)
+        _, unfit = split_fitting(models, robots, tested=robot, holds=lambda _: True)
         return Evaluation(unfit_rows(dict.fromkeys(models, OTHER_LOCALIZER) | unfit, source), [])
-    models, unfit = split_fitting(models, robots, robot, holds=measured.columns.keys().__ge__)
+    models, unfit = split_fitting(
+        models, robots, tested=robot, holds=measured.columns.keys().__ge__
+    )
     references = scoring.trivial_predictions(measured.labelled.reference)
     kept = ("keep_everything", "chance")
     everyone = {Model(who): [references[who]] for who in kept}
@@ -359,42 +322,8 @@ def looked_at(models: Models) -> set[str]:
     return {name for runs in models.values() for run in runs for name in run.inputs}
 
 
-def robot_at(folder: Path) -> Robot:
-    """Return the robot of a survey."""
-    survey = read_survey(folder)
-    return robot_of(survey.array, survey.emitted.sample_rate)
-
-
 def predicted(
     models: Models, predict: Callable[[Run], Predictions]
 ) -> dict[Model, list[Predictions]]:
     """Return what every run of each model predicts."""
     return {model: list(map(predict, runs)) for model, runs in models.items()}
-
-
-def against_baseline(
-    predictions: Mapping[Model, Sequence[Predictions]],
-    labelled: LabelledRows,
-    *,
-    metric: str,
-    snr_db: str = "",
-) -> Iterator[Row]:
-    """Test every model against the bare threshold of the same training and seeds.
-
-    Models of a leaky split are left out, and those that have no seed in common with the threshold.
-
-    Args:
-        predictions: what each model says about the test set.
-        labelled: the test set.
-        metric: "auc" or "balanced_accuracy".
-        snr_db: entry of that column.
-    """
-    # A threshold's scale is learned as well, so each training has its own.
-    bare = {training: predictions[model] for training, model in baselines(predictions).items()}
-    for model, given in predictions.items():
-        baseline = bare.get(model.training, ())
-        leaky = model.split == "row"
-        if model.classifier != BASELINE and not leaky and pairs.pair_seeds(given, baseline):
-            found = pairs.paired_difference(given, baseline, labelled=labelled, metric=metric)
-            about = model.columns() | labelled.source._asdict()
-            yield about | {"against": BASELINE, "snr_db": snr_db} | found

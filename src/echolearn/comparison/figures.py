@@ -190,7 +190,7 @@ def numbers(rows: Sequence[Row], *columns: str) -> Array:
     return np.array([[row[name] for row in rows] for name in columns], dtype=float)
 
 
-def paint_intervals(axis: Axes, x: Any, rows: Sequence[Row], **style: Any) -> None:
+def paint_intervals(axis: Axes, x: Any, *, rows: Sequence[Row], **style: Any) -> None:
     """Draw a point for each row with its interval as a bar.
 
     Args:
@@ -218,7 +218,7 @@ def bands(lines: Mapping[str, Sequence[Row]]) -> str:
         # Side by side within the band, or intervals would hide each other.
         beside = (number - len(lines) / 2) * 0.07
         x = [names.index(row["snr_db"]) + beside for row in rows]
-        paint_intervals(axis, x, rows, label=label, **style)
+        paint_intervals(axis, x, rows=rows, label=label, **style)
         lowest = min([lowest, *numbers(rows, "ci_low")[0]])
     axis.axhline(0.5, color=GREY, linestyle="--", linewidth=1)
     axis.set_xticks(range(len(names)), [name.replace(":", " to ") + " dB" for name in names])

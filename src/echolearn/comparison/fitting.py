@@ -8,22 +8,29 @@ bundle meets the set that it was trained on without its run.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from echolearn.acoustics.turned_array import DISPLACED, turn_between
 from echolearn.acoustics.types import Array, MicArray
+from echolearn.checks import check
+from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation.rows import (
     MISSING_COLUMNS,
     OTHER_ARRAY,
     OTHER_RATE,
     OWN_SET,
+    UNFIT,
     Model,
     Recordings,
     Row,
+    distinct,
+    pick,
 )
 from echolearn.storage.identity import plain
+from echolearn.survey.reader import read_survey
 from echolearn.training.runs import Run
 
 
@@ -51,7 +58,13 @@ def robot_in(scene: Mapping[str, Any]) -> Robot:
     return Robot(scene["array"], scene["probe"]["sample_rate"])
 
 
-def misfit(run: Run, trained: Robot | None, tested: Robot) -> str:
+def robot_at(folder: Path) -> Robot:
+    """Return the robot of a survey."""
+    survey = read_survey(folder)
+    return robot_of(survey.array, survey.emitted.sample_rate)
+
+
+def misfit(run: Run, trained: Robot | None, *, tested: Robot) -> str:
     """Return which of `UNFIT` holds of a run and what it is tested on; nothing if it fits.
 
     Args:
@@ -76,8 +89,8 @@ def misfit(run: Run, trained: Robot | None, tested: Robot) -> str:
 def split_fitting(
     models: Mapping[Model, Sequence[Run]],
     trained: Mapping[str, Robot],
-    tested: Robot,
     *,
+    tested: Robot,
     holds: Callable[[set[str]], bool],
     data: str = "",
 ) -> tuple[dict[Model, Sequence[Run]], dict[Model, str]]:
@@ -93,7 +106,7 @@ def split_fitting(
     fitting: dict[Model, Sequence[Run]] = {}
     unfit: dict[Model, str] = {}
     for model, runs in models.items():
-        reasons = [misfit(run, trained.get(run.data_digest), tested) for run in runs]
+        reasons = [misfit(run, trained.get(run.data_digest), tested=tested) for run in runs]
         reasons += [MISSING_COLUMNS for run in runs if not holds({*run.inputs})]
         unknown = [run for run in runs if not run.metrics.get("held_out", True)]
         reasons += [OWN_SET for run in unknown if run.data_digest == data]
@@ -105,6 +118,20 @@ def split_fitting(
     return fitting, unfit
 
 
+def fitting_set(
+    models: Mapping[Model, Sequence[Run]], dataset: Dataset, *, robots: Mapping[str, Robot]
+) -> tuple[dict[Model, Sequence[Run]], dict[Model, str]]:
+    """Return the models that can say something about a set, and of the others why not.
+
+    Args:
+        models: finished runs of each model.
+        dataset: the set.
+        robots: robots of training sets, by the sets' digests.
+    """
+    robot = robot_in(dataset.manifest["plan"]["scene"])
+    return split_fitting(models, robots, tested=robot, holds=dataset.holds, data=dataset.digest)
+
+
 def unfit_rows(unfit: Mapping[Model, str], source: Recordings) -> list[Row]:
     """Return a row for each model that says why it is not evaluated."""
     cells = {"seed": "", "snr_db": "", "n": 0, "value": np.nan, "ci_low": "", "ci_high": ""}
@@ -112,3 +139,13 @@ def unfit_rows(unfit: Mapping[Model, str], source: Recordings) -> list[Row]:
         model.columns() | source._asdict() | cells | {"metric": reason}
         for model, reason in unfit.items()
     ]
+
+
+def check_some_fit(rows: Sequence[Row]) -> None:
+    """Raise `BadValue` if walks are mapped for whose robot no run was trained."""
+    walks = pick(rows, kind="survey")
+    known = any(row["role"] != "reference" and row["metric"] not in UNFIT for row in walks)
+    names = ", ".join(distinct(walks, "tested_on"))
+    allowed = "must be of an array and a rate for which a run was trained"
+    hint = "generate and train with their scene, scene=..."
+    check(known or not walks, "surveys", names, allowed=allowed, hint=hint)

@@ -42,7 +42,7 @@ def importance_rows(comparison: Comparison, *, resamples: int) -> Iterator[Row]:
     for model in drawn(comparison):
         run = comparison.models[model][0]
         several = view_of(run.inputs) == FEATURES and len(run.inputs) > 1
-        if several and is_evaluated(comparison, model, shown):
+        if several and is_evaluated(comparison, model, name=shown):
             about: Row = {"classifier": model.classifier, "trained_on": model.trained_on}
             about |= {"tested_on": dataset.name, "seed": run.seed, "metric": "auc"}
             for row in of_run(run, dataset, resamples=min(resamples, MOST_RESAMPLES)):

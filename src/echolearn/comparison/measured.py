@@ -72,8 +72,8 @@ def grouped(folders: Mapping[str, Path]) -> dict[str, list[Path]]:
 def measured_rows(
     group: str,
     folders: Sequence[Path],
-    localizer: Localizer,
     *,
+    localizer: Localizer,
     name: str,
     resamples: int,
     further: Collection[str] = (),

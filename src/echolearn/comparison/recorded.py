@@ -5,7 +5,9 @@ walks are sound as they were made, and published recordings that were imported a
 (`protocol=none`) are judged as they are: nobody examines them.
 """
 
+import sys
 from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from echolearn.comparison.localized import is_measured
@@ -29,6 +31,15 @@ def health_of(folder: Path) -> Health:
     health = examine(survey)
     mended(survey, health)
     return health
+
+
+def healths_of(folders: Iterable[Path], pool: ProcessPoolExecutor) -> dict[Path, Health]:
+    """Return what recorded surveys say about themselves, by their folders, and tell it."""
+    walked = [folder for folder in folders if is_examined(folder)]
+    healths = dict(zip(walked, pool.map(health_of, walked), strict=True))
+    for line in lines_of(healths.items()):
+        print(line, file=sys.stderr, flush=True)
+    return healths
 
 
 def lines_of(healths: Iterable[tuple[Path, Health]]) -> list[str]:

@@ -66,6 +66,26 @@ def opponents(given: Given, best: Mapping[str, Model]) -> Iterator[Pair]:
                 yield Pair(model, rival, kind)
 
 
+def against_baseline(
+    given: Given, labelled: LabelledRows, *, metric: str, snr_db: str = ""
+) -> Iterator[Row]:
+    """Test every model against the bare threshold of the same training and seeds.
+
+    Models of a leaky split are left out, and those that have no seed in common with the threshold.
+
+    Args:
+        given: what each model says about the test set.
+        labelled: the test set.
+        metric: "auc" or "balanced_accuracy".
+        snr_db: entry of that column.
+    """
+    for pair in opponents(given, {}):
+        if pair.kind == "baseline" and pair.model.classifier != BASELINE:
+            both = given[pair.model], given[pair.rival]
+            found = pairs.paired_difference(*both, labelled=labelled, metric=metric)
+            yield about(pair, labelled.source) | {"snr_db": snr_db} | found
+
+
 def further_tests(
     given: Given,
     labelled: LabelledRows,
@@ -103,7 +123,7 @@ def fold_tests(models: Mapping[Model, Sequence[Run]]) -> Iterator[Row]:
         both = {run.seed: run for run in models[rival]}
         crossed = [(run, both[run.seed]) for run in runs if run.seed in both]
         for metric in pairs.PAIRED:
-            values = [_fold_values(run, other, metric) for run, other in crossed]
+            values = [_fold_values(run, other, metric=metric) for run, other in crossed]
             differences = np.concatenate([np.empty(0), *values])
             if rival == model or model.split == "row" or len(differences) < 2:
                 continue
@@ -121,7 +141,7 @@ def fold_tests(models: Mapping[Model, Sequence[Run]]) -> Iterator[Row]:
             yield about(pair, source) | _in_family(pair, cells)
 
 
-def _fold_values(run: Run, other: Run, metric: str) -> np.ndarray:
+def _fold_values(run: Run, other: Run, *, metric: str) -> np.ndarray:
     """Return a metric's differences over the folds of two runs, (J,); none without such folds."""
     both = [each.metrics.get("cross_validation") or {} for each in (run, other)]
     one, second = (each.get(metric, {}).get("values", []) for each in both)

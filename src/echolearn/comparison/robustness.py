@@ -91,7 +91,13 @@ class _Heard(NamedTuple):
 
     @classmethod
     def of(cls, dataset: Dataset, given: Sequence[Predictions], *, target: str) -> "_Heard":
-        """Return what predictions say of a set with this label."""
+        """Return what predictions say of a set.
+
+        Args:
+            dataset: of B rows.
+            given: predictions of its rows, one for each seed.
+            target: label that they are held against.
+        """
         truth = dataset[target].astype(bool)
         # True by chance, without an echo at that time, cannot be told from false.
         ceiling = float(metrics.auc(truth, locked_on(dataset) * truth))

@@ -35,7 +35,7 @@ def number(value: Any, scale: float = 1.0, digits: int = 2) -> str:
     return "" if value in ("", None) or np.isnan(value) else f"{scale * value:.{digits}f}"
 
 
-def interval(row: Row | None, scale: float = 1.0, digits: int = 2) -> str:
+def with_interval(row: Row | None, scale: float = 1.0, digits: int = 2) -> str:
     """Return `value [low, high]` of a row, scaled; nothing where there is none.
 
     Args:
@@ -95,5 +95,5 @@ def p_value(p: float) -> str:
     return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
 
 
-FILTERS = (number, interval, signed, shade, figure, shares, p_value)
+FILTERS = (number, with_interval, signed, shade, figure, shares, p_value)
 """What templates format figures by."""

@@ -39,7 +39,7 @@ def worst_errors(comparison: Comparison, plan_of: PlanOf) -> Worst:
     run = comparison.models[model][0]
     shown = away(comparison)
     dataset = comparison.sets[shown]
-    if not is_evaluated(comparison, model, shown):
+    if not is_evaluated(comparison, model, name=shown):
         return Worst([], [])
     given = predict_rows(run, dataset)
     true = label_rows(dataset, resamples=1).reference[given.rows]

@@ -43,12 +43,12 @@ def time_and_direction(
     """
     rate = plan["scene"]["probe"]["sample_rate"]
     truth = wall_directions(
-        gather("room"), gather("position"), gather("heading"), walls=present(plan)
+        gather("room"), gather("position"), heading=gather("heading"), walls=present(plan)
     )
     toa = gather("truth_toa")[:, : truth.azimuth.shape[1]]
     late = np.abs(gather("toa")[:, None] - toa)
     azimuth, elevation = gather("azimuth")[:, None], gather("elevation")[:, None]
-    near = agree(truth, azimuth, elevation, array=array)[:, 0]
+    near = agree(truth, azimuth=azimuth, elevation=elevation, array=array)[:, 0]
     fits = near & (late < TOA_TOLERANCE_SAMPLES / rate)
     if not several:
         return fits.any(axis=1)
@@ -78,7 +78,7 @@ def present(plan: Mapping[str, Any]) -> Array:
     return np.array(plan.get("room", {}).get("walls", [1.0] * 6)) > 0
 
 
-def wall_directions(room: Array, position: Array, heading: Array, *, walls: Array) -> Truth:
+def wall_directions(room: Array, position: Array, *, heading: Array, walls: Array) -> Truth:
     """Return the directions of walls seen from the loudspeaker, fields (B, W); no times.
 
     Args:

@@ -70,8 +70,14 @@ def _five_corners(rng: np.random.Generator) -> Array:
     return 0.5 + 0.5 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
 
-def drawn_place(room: AnyRoom, margin: float, rng: np.random.Generator) -> Array:
-    """Draw a place (3,) in m that is at least a margin in m from every wall of a room."""
+def drawn_place(room: AnyRoom, margin: float, *, rng: np.random.Generator) -> Array:
+    """Draw a place in a room, shape (3,), in m.
+
+    Args:
+        room: with its walls.
+        margin: least distance from every wall, in m; there must be such a place.
+        rng: draws, as often as places fall outside.
+    """
     low, high = bounds(room)
     while True:
         place: Array = rng.uniform(low + margin, high - margin)

@@ -88,7 +88,7 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
         about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
         about["microphones"] = plan.scene.array.positions.tolist()
         names = map(manifests.shard_name, range(count))
-        manifests.finish(folder, about | manifests.command_entry(command), names)
+        manifests.finish(folder, about | manifests.command_entry(command), files=names)
     return folder
 
 
@@ -104,7 +104,7 @@ def _write(shard: int, *, plan: Plan, mark: Path) -> None:
     # A device is given all at once: it idles over few.
     parts = row_blocks(rows) if plan.matched_filters == "compiled" else [rows]
     blocks = [records(plan, part) for part in parts]
-    manifests.write_shard(mark.parent, shard, np.concatenate(blocks))
+    manifests.write_shard(mark.parent, shard, array=np.concatenate(blocks))
 
 
 def row_blocks(rows: range) -> Iterator[range]:

@@ -230,7 +230,7 @@ class ScatteredPlan:
         for name, size in (("size_low", self.size_low), ("size_high", self.size_high)):
             check_list(f"plan.{name}", size, length=3, allowed="must be three lengths in m")
         for limits in zip(self.size_low, self.size_high, strict=True):
-            check_range("plan.size_low", limits, (0.5, 200.0, "m"))
+            check_range("plan.size_low", limits, bounds=(0.5, 200.0, "m"))
         _check_common(self)
 
         # Wherever it turns, the array must stay inside the smallest room, and a room must exist.
@@ -276,7 +276,7 @@ class ScatteredPlan:
         # Where there is nothing to choose nothing is drawn, as in plans of before.
         outline = self.rooms[rng.integers(len(self.rooms)) if len(self.rooms) > 1 else 0]
         room = drawn_room(outline, size, t60=t60, wall_factor=self.wall_factor, rng=rng)
-        position = drawn_place(room, self.margin, rng)
+        position = drawn_place(room, self.margin, rng=rng)
         heading = rng.uniform(-np.pi, np.pi)
         snr_db = _uniform(self.snr_db, rng)
         gain_db = rng.uniform(*self.gain_db)
@@ -295,7 +295,7 @@ def _check_common(plan: Plan, snr_levels: Sequence[float] | None = None) -> None
     check_fields("plan", plan, ranges=RANGES)
     for name, limits in vars(plan).items():
         if name in DRAWN and limits is not None:
-            check_range(f"plan.{name}", limits, DRAWN[name])
+            check_range(f"plan.{name}", limits, bounds=DRAWN[name])
 
     _check_further(plan)
     plan.realism.check_scene(plan.scene)

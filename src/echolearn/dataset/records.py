@@ -76,7 +76,7 @@ def records(plan: Plan, rows: range) -> Array:
     for name in contexts[0]:
         values = np.array([context[name] for context in contexts])
         columns[name] = np.repeat(values, estimates.shape[1], axis=0)
-    known = [labels(found, spot, plan) for found, spot in zip(estimates, spots, strict=True)]
+    known = [labels(found, spot, plan=plan) for found, spot in zip(estimates, spots, strict=True)]
     columns |= {name: np.concatenate([each[name] for each in known]) for name in known[0]}
     return _structured(columns)
 
@@ -97,7 +97,7 @@ def recordings_of(plan: Plan, rows: range) -> tuple[Observation, list[Spot]]:
     for number, row in enumerate(rows):
         rng = stream(plan.seed, "observation", row)
         spot = plan.spot(row, rng)
-        real, spot = _real(spot, plan, row)
+        real, spot = _real(spot, plan, row=row)
 
         # Responses take most of the time; successive rows of one position share them if they can.
         if spot.drawn or not spots or spot.group != spots[-1].group:
@@ -115,7 +115,7 @@ def recordings_of(plan: Plan, rows: range) -> tuple[Observation, list[Spot]]:
     return observation, spots
 
 
-def _real(spot: Spot, plan: Plan, row: int) -> tuple[Scene, Spot]:
+def _real(spot: Spot, plan: Plan, *, row: int) -> tuple[Scene, Spot]:
     """Return the scene of a row with what is not ideal about it, and the spot that tells it."""
     if plan.realism.clean:
         return plan.scene, spot
@@ -158,7 +158,7 @@ def _context(spot: Spot) -> dict[str, Any]:
     }
 
 
-def labels(estimates: Array, spot: Spot, plan: Plan) -> dict[str, Array]:
+def labels(estimates: Array, spot: Spot, *, plan: Plan) -> dict[str, Array]:
     """Return the labels of the echoes of one observation, arrays of R rows.
 
     Args:
@@ -188,7 +188,7 @@ def labels(estimates: Array, spot: Spot, plan: Plan) -> dict[str, Array]:
         "truth_toa": np.tile(padded, (len(toa), 1)),
     }
     if scene.array.centre.any() or not plan.boxes:
-        near = agree(true, azimuth, elevation, array=scene.array)
+        near = agree(true, azimuth=azimuth, elevation=elevation, array=scene.array)
         both = match_echoes(truth, toa, tolerance=tolerance, allowed=near)
         found[derived.NAME] = both != UNMATCHED
     return found | {"echo": np.arange(len(toa)), "wall": wall} if len(toa) > 1 else found

@@ -79,7 +79,7 @@ def steer(
 
     size = correlation.shape[-1]
     azimuth, elevation = (angle.tobytes() for angle in directions)
-    phases = steering_phases(array, azimuth, elevation, size, scale)
+    phases = steering_phases(array, azimuth, elevation=elevation, size=size, scale=scale)
     spectrum = torch.fft.rfft(torch.from_numpy(correlation.astype(np.float32)).to(device))
     turned = torch.einsum("bmf,fma->baf", spectrum, torch.from_numpy(phases).to(device))
     found: Array = torch.fft.irfft(turned, size).cpu().numpy()

@@ -11,8 +11,8 @@ from typing import Any
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import metrics
 from echolearn.evaluation.reliability import BANDS_DB, evaluate_calibration
-from echolearn.evaluation.rows import PAPER, LabelledRows, Model, Predictions, Row, in_band, pick
-from echolearn.evaluation.scoring import tabulate
+from echolearn.evaluation.rows import PAPER, LabelledRows, Model, Predictions, Row
+from echolearn.evaluation.scoring import tabulate, tabulate_bands
 
 OWN = ("auc", "balanced_accuracy", "precision", "recall", "specificity")
 """Metrics that are also given by a model's own label."""
@@ -42,12 +42,6 @@ def score_calibration(
         return {**calibration(given, weights), **{f"own_{name}": found[name] for name in OWN}}
 
     every = own if model.target not in ("", PAPER) else calibration
-    yield from tabulate(every, model=model, predictions=predictions, labelled=labelled)
-    for low, high in BANDS_DB:
-        inside = in_band(labelled.joint_snr_db, low=low, high=high)
-        cut = [given.within(inside) for given in predictions]
-        # As with other bands, a mean over seeds needs every seed.
-        if all(len(given.rows) for given in cut):
-            band = f"{low}:{high}"
-            banded: Any = {"predictions": cut, "labelled": labelled, "snr_db": band}
-            yield from pick(tabulate(calibration, model=model, **banded), seed="")
+    about: dict[str, Any] = {"model": model, "predictions": predictions, "labelled": labelled}
+    yield from tabulate(every, **about)
+    yield from tabulate_bands(calibration, BANDS_DB, **about)

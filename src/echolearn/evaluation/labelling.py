@@ -64,7 +64,7 @@ def labels_at(
     by_time = match_echoes(true.toa, toa, tolerance=tolerance) != UNMATCHED
     if np.isnan(true.azimuth).any():
         return Labels(None, by_time)
-    near = agree(true, azimuth, elevation, array=array)
+    near = agree(true, azimuth=azimuth, elevation=elevation, array=array)
     both = match_echoes(true.toa, toa, tolerance=tolerance, allowed=near)
     return Labels(both != UNMATCHED, by_time)
 

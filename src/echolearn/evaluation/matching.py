@@ -69,7 +69,7 @@ def match_echoes(
 
 
 def agree(
-    reference: Truth, azimuth: Array, elevation: Array, *, array: MicArray | None = None
+    reference: Truth, *, azimuth: Array, elevation: Array, array: MicArray | None = None
 ) -> Array:
     """Tell which echoes come from the directions of which true ones, shape (..., R, W), bool.
 

@@ -116,7 +116,7 @@ def paired_difference(
         BadValue: no seed in common.
     """
     value, shares_of, answers = PAIRED[metric]
-    rows, one, other = _pooled(first, second, answers)
+    rows, one, other = _pooled(first, second, answers=answers)
     reference = labelled.reference[rows]
     groups = labelled.groups[rows]
 
@@ -146,7 +146,7 @@ def rightness_difference(
     Raises:
         BadValue: no seed in common.
     """
-    rows, one, other = _pooled(first, second, "kept")
+    rows, one, other = _pooled(first, second, answers="kept")
     right = [kept == labelled.reference[rows] for kept in (one, other)]
     # Summed over seeds, row by row: weights of all seeds' rows would not fit into memory.
     count = len(labelled.reference)
@@ -165,7 +165,7 @@ def rightness_difference(
 
 
 def _pooled(
-    first: Sequence[Predictions], second: Sequence[Predictions], answers: str
+    first: Sequence[Predictions], second: Sequence[Predictions], *, answers: str
 ) -> tuple[Array, Array, Array]:
     """Return rows (B,) and both models' answers about them, of all common seeds.
 

@@ -68,15 +68,9 @@ def score_labels(
             found[name] = paired.value(reference, answers, weights=weights)
         return found
 
-    yield from tabulate(every, model=model, predictions=predictions, labelled=labelled)
-    for low, high in SNR_BANDS_DB:
-        inside = in_band(labelled.joint_snr_db, low=low, high=high)
-        cut = [given.within(inside) for given in predictions]
-        # A mean over seeds needs every seed: a band that one has no row in is left out.
-        if all(len(given.rows) for given in cut):
-            band = f"{low}:{high}"
-            rows = tabulate(banded, model=model, predictions=cut, labelled=labelled, snr_db=band)
-            yield from pick(rows, seed="")
+    about: dict[str, Any] = {"model": model, "predictions": predictions, "labelled": labelled}
+    yield from tabulate(every, **about)
+    yield from tabulate_bands(banded, SNR_BANDS_DB, **about)
 
 
 def score_measured(
@@ -220,6 +214,31 @@ def tabulate(
         row = common | {"seed": "", "metric": metric, "value": figure}
         kept = {"draws": draws} if metric in POOLED and not snr_db else {}
         yield row | {"ci_low": low, "ci_high": high} | kept
+
+
+def tabulate_bands(
+    evaluate: Evaluate,
+    bands: Sequence[tuple[int, int]],
+    *,
+    model: Model,
+    predictions: Sequence[Predictions],
+    labelled: LabelledRows,
+) -> Iterator[Row]:
+    """Yield a row for each metric and band of SNR, of the mean over seeds.
+
+    Args:
+        evaluate: the metrics.
+        bands: lowest and highest SNR of each, in dB.
+        model, predictions, labelled: as those of `tabulate`.
+    """
+    for low, high in bands:
+        inside = in_band(labelled.joint_snr_db, low=low, high=high)
+        cut = [given.within(inside) for given in predictions]
+        # A mean over seeds needs every seed: a band that one has no row in is left out.
+        if all(len(given.rows) for given in cut):
+            about: dict[str, Any] = {"predictions": cut, "snr_db": f"{low}:{high}"}
+            rows = tabulate(evaluate, model=model, labelled=labelled, **about)
+            yield from pick(rows, seed="")
 
 
 def mean_of(evaluations: Sequence[Mapping[str, Array]]) -> dict[str, Array]:

@@ -24,7 +24,7 @@ import numpy as np
 
 from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.types import Array
-from echolearn.localization.correlations import ratio
+from echolearn.localization.correlations import ratio_or_zero
 from echolearn.localization.matched_filter import PEAK_SPACING, SEGMENT, MatchedFilter, align
 
 CLOSE = 4
@@ -75,7 +75,7 @@ def exceeded(correlation: Array, here: Array) -> Array:
 def agreement(aligned: Array) -> Array:
     """Return the mean correlation of pairs of microphones, -1 / (M - 1) to 1, from (B, M, K)."""
     # Each microphone counts the same, however loud it is.
-    unit = ratio(aligned, np.linalg.norm(aligned, axis=-1, keepdims=True))
+    unit = ratio_or_zero(aligned, np.linalg.norm(aligned, axis=-1, keepdims=True))
     count = aligned.shape[-2]
     total = np.sum(unit.sum(axis=-2) ** 2, axis=-1)
     return (total - np.sum(unit**2, axis=(-2, -1))) / (count * (count - 1))
@@ -84,7 +84,7 @@ def agreement(aligned: Array) -> Array:
 def mean_coherence(aligned: Array) -> Array:
     """Return the share of the energy of (B, M, K) that the sum of microphones has, 0 to 1."""
     together = np.sum(aligned.sum(axis=-2) ** 2, axis=-1)
-    return ratio(together, aligned.shape[-2] * np.sum(aligned**2, axis=(-2, -1)))
+    return ratio_or_zero(together, aligned.shape[-2] * np.sum(aligned**2, axis=(-2, -1)))
 
 
 def own_peaks(aligned: Array) -> dict[str, Array]:
@@ -95,7 +95,9 @@ def own_peaks(aligned: Array) -> dict[str, Array]:
     """
     return {
         "peak_offset": np.mean(np.abs(aligned.argmax(axis=-1) - NEAR), axis=-1),
-        "peak_share": ratio(aligned[..., NEAR].sum(axis=-1), aligned.max(axis=-1).sum(axis=-1)),
+        "peak_share": ratio_or_zero(
+            aligned[..., NEAR].sum(axis=-1), aligned.max(axis=-1).sum(axis=-1)
+        ),
     }
 
 
@@ -113,7 +115,7 @@ def direction_second(matched: MatchedFilter, index: Array, *, toward: Array) -> 
     # A grid has directions that are just so far apart, give or take the last bit.
     competing = cosine <= np.cos(APART) + 1e-9
     other = np.max(gated, axis=-1, where=competing, initial=0.0)
-    return ratio(other, own)
+    return ratio_or_zero(other, own)
 
 
 def joint_second(matched: MatchedFilter, index: Array, *, here: Array) -> Array:
@@ -126,4 +128,4 @@ def joint_second(matched: MatchedFilter, index: Array, *, here: Array) -> Array:
     """
     highest = matched.steered.max(axis=-2).astype(float)
     elsewhere = np.abs(np.arange(highest.shape[-1]) - index[:, None]) >= PEAK_SPACING
-    return ratio(np.max(highest, axis=-1, where=elsewhere, initial=-np.inf), here)
+    return ratio_or_zero(np.max(highest, axis=-1, where=elsewhere, initial=-np.inf), here)

@@ -15,7 +15,7 @@ import numpy as np
 
 from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.types import Array
-from echolearn.localization.correlations import ratio
+from echolearn.localization.correlations import ratio_or_zero
 from echolearn.localization.matched_filter import PEAK_SPACING, SEGMENT, MatchedFilter, align
 
 REACH = 32
@@ -40,4 +40,4 @@ def cfar(matched: MatchedFilter, index: Array, *, toward: Array) -> Array:
     guard = (late < PEAK_SPACING) & (beside > np.cos(GUARD))
     ring = (late <= REACH) & (beside >= np.cos(OUTER) - 1e-9) & ~guard
     mean = np.sum(power, where=ring, axis=(-2, -1)) / np.maximum(ring.sum(axis=(-2, -1)), 1)
-    return ratio(here, np.sqrt(mean))
+    return ratio_or_zero(here, np.sqrt(mean))

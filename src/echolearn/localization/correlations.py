@@ -61,7 +61,9 @@ def steered_response(
     """
     azimuth, elevation = directions
     size = correlation.shape[-1]
-    phases = steering_phases(array, azimuth.tobytes(), elevation.tobytes(), size, scale)
+    phases = steering_phases(
+        array, azimuth.tobytes(), elevation=elevation.tobytes(), size=size, scale=scale
+    )
 
     # One matrix product per bin sums the microphones for all directions; single precision halves
     # its time and costs 1e-5 of the peak.
@@ -71,7 +73,7 @@ def steered_response(
 
 @lru_cache(maxsize=8)
 def steering_phases(
-    array: MicArray, azimuth: bytes, elevation: bytes, size: int, scale: float
+    array: MicArray, azimuth: bytes, *, elevation: bytes, size: int, scale: float
 ) -> Array:
     """Return the phases exp(j omega eta_m) that align microphones, shape (F, M, A), complex64.
 
@@ -159,7 +161,7 @@ def _autocorrelation(burst: bytes, size: int) -> Array:
     return np.concatenate([table[:, -reach:], table[:, : reach + 1]], axis=-1)
 
 
-def ratio(numerator: Array, denominator: Array) -> Array:
+def ratio_or_zero(numerator: Array, denominator: Array) -> Array:
     """Return numerator / denominator, 0 where the denominator vanishes (a silent recording)."""
     safe = np.where(denominator == 0, 1.0, denominator)
     return np.where(denominator == 0, 0.0, numerator / safe)

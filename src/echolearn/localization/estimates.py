@@ -74,10 +74,10 @@ def echoes_at(matched: MatchedFilter, index: Array) -> Echoes:
     height = np.take_along_axis(matched.correlation[:, 0], index, axis=-1)
     energy = np.take_along_axis(matched.energy[:, 0], index, axis=-1)
     score = height / np.sqrt(np.maximum(energy * matched.probe_energy, 1e-30))
-    return _without_directions(matched.toa(index), score, height / matched.probe_energy)
+    return _without_directions(matched.toa(index), score, gain=height / matched.probe_energy)
 
 
-def _without_directions(toa: Array, score: Array, gain: Array) -> Echoes:
+def _without_directions(toa: Array, score: Array, *, gain: Array) -> Echoes:
     unknown = np.zeros(toa.shape)
     return Echoes(toa, score, gain, unknown, unknown, unknown)
 
@@ -93,7 +93,7 @@ def reference_echoes(matched: MatchedFilter, echoes: int) -> Echoes:
     lag, _, _, gain, _ = _strongest_first(np.stack(peaks, axis=-1))
     under = np.take_along_axis(matched.energy[:, 0], np.rint(lag).astype(int), axis=-1)
     score = gain * np.sqrt(matched.probe_energy / np.where(under > 0, under, np.inf))
-    return _without_directions(matched.toa(lag), np.clip(score, -1.0, 1.0), gain)
+    return _without_directions(matched.toa(lag), np.clip(score, -1.0, 1.0), gain=gain)
 
 
 def mpdr_echoes(matched: MatchedFilter, times: Echoes, *, mpdr: Mpdr) -> Echoes:

@@ -11,7 +11,7 @@ from echolearn.acoustics.geometry import direction
 from echolearn.acoustics.signals import decibel
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.localization import beamforming
-from echolearn.localization.correlations import ratio
+from echolearn.localization.correlations import ratio_or_zero
 from echolearn.localization.matched_filter import PEAK_SPACING, SEGMENT, MatchedFilter, align
 
 
@@ -49,7 +49,7 @@ def peak_columns(correlation: Array, index: Array) -> dict[str, Array]:
     rms = np.sqrt(np.mean(np.square(correlation), axis=-1))
     elsewhere = np.abs(np.arange(correlation.shape[-1]) - index[:, None]) >= PEAK_SPACING
     second = np.max(correlation, axis=-1, where=elsewhere, initial=-np.inf)
-    return {"peak_to_rms": ratio(peak, rms), "second_to_first": ratio(second, peak)}
+    return {"peak_to_rms": ratio_or_zero(peak, rms), "second_to_first": ratio_or_zero(second, peak)}
 
 
 def beam_columns(matched: MatchedFilter, covariances: Array) -> dict[str, Array]:
@@ -89,11 +89,13 @@ def steered_columns(matched: MatchedFilter, index: Array, *, toward: Array) -> d
     gated = matched.gated_power(index)
     nearest = (toward @ direction(*matched.directions).T).argmax(axis=-1)
     return {
-        "coherence": ratio(here**2, aligned.shape[-1] * np.sum(aligned**2, axis=-1)),
-        "joint": ratio(here, rms),
-        "joint_max": ratio(highest, rms),
-        "joint_ratio": ratio(here, highest),
-        "joint_score": ratio(here, energy),
+        "coherence": ratio_or_zero(here**2, aligned.shape[-1] * np.sum(aligned**2, axis=-1)),
+        "joint": ratio_or_zero(here, rms),
+        "joint_max": ratio_or_zero(highest, rms),
+        "joint_ratio": ratio_or_zero(here, highest),
+        "joint_score": ratio_or_zero(here, energy),
         "joint_lag": np.abs(best % steered.shape[-1] - index).astype(float),
-        "gated_ratio": decibel(ratio(gated[rows, nearest].astype(float), gated.mean(axis=-1))),
+        "gated_ratio": decibel(
+            ratio_or_zero(gated[rows, nearest].astype(float), gated.mean(axis=-1))
+        ),
     }

@@ -135,16 +135,16 @@ def spatial(white: Observation, coherence: Array, *, silent: Array) -> Spatial:
     return _spatial(
         white.array,
         coherence[:, used][:, :, used].tobytes(),
-        used.tobytes(),
-        burst.tobytes(),
-        white.probe.sample_rate / white.speed_of_sound,
-        fft.next_fast_len(length + length // 2, real=True),
+        used=used.tobytes(),
+        burst=burst.tobytes(),
+        scale=white.probe.sample_rate / white.speed_of_sound,
+        size=fft.next_fast_len(length + length // 2, real=True),
     )
 
 
 @lru_cache(maxsize=4)
 def _spatial(
-    array: MicArray, coherence: bytes, used: bytes, burst: bytes, scale: float, size: int
+    array: MicArray, coherence: bytes, *, used: bytes, burst: bytes, scale: float, size: int
 ) -> Spatial:
     mask = np.frombuffer(used, dtype=bool)
     count = int(mask.sum())

@@ -12,7 +12,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.localization.columns import SEVERAL
-from echolearn.localization.correlations import ratio
+from echolearn.localization.correlations import ratio_or_zero
 from echolearn.localization.matched_filter import MatchedFilter
 
 LOWEST_SINE = 0.5
@@ -81,7 +81,7 @@ def neighbour_columns(echoes: Echoes, *, rank: int, sample_rate: float) -> dict[
     return {
         "rank": np.full(len(own), float(rank)),
         "neighbour_lag": apart.min(axis=-1) * sample_rate,
-        "neighbour_gain": ratio(
+        "neighbour_gain": ratio_or_zero(
             np.take_along_axis(echoes.gain[:, others], nearest, axis=-1)[:, 0], own
         ),
     }

@@ -117,7 +117,7 @@ def _write(folder: Path, content: bytes, *, about: Mapping[str, Any]) -> None:
     with locked(folder):
         clean(folder)
         write_atomic(folder / PAGE, content)
-        manifests.finish(folder, about, [PAGE])
+        manifests.finish(folder, about, files=[PAGE])
 
 
 def _check_free(folder: Path) -> None:

@@ -6,13 +6,12 @@ frames that stretch. Nothing of a survey is markup: every text is escaped.
 
 from collections.abc import Iterable, Sequence
 from html import escape
-from importlib import resources
-from string import Template
 
 import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.robot.check_facts import HEADINGS, UNSEEN, Facts, middle
+from echolearn.robot.pages import filled_page
 from echolearn.robot.png import data_url, palette
 from echolearn.robot.waterfall import HIGHEST, LOWEST, Waterfall
 from echolearn.survey.health import Health
@@ -68,11 +67,7 @@ def page_of(survey: Survey, health: Health, *, facts: Facts, fall: Waterfall) ->
         "curves": _curves(survey, health),
         "unseen": UNSEEN,
     }
-    return Template(_template()).substitute(filled).encode()
-
-
-def _template() -> str:
-    return (resources.files("echolearn.robot") / "templates" / "check.html").read_text()
+    return filled_page("robot", "check.html", filled=filled)
 
 
 def _findings(facts: Facts) -> str:
@@ -138,7 +133,7 @@ def _waterfall(survey: Survey, fall: Waterfall, *, number: int) -> str:
     ticks += _pose_ticks("y", survey.numbers)
     note = "Above: distance of a wall of that time." if not number else ""
     tall = "13rem" if number else "clamp(18rem,45vw,30rem)"
-    drawn = _frame(image, lines, ticks, size=(fall.lags, poses), tall=tall, dark=True)
+    drawn = _frame(image, lines, ticks=ticks, size=(fall.lags, poses), tall=tall, dark=True)
     return f"<figure>{drawn}<figcaption>{note}</figcaption></figure>" if note else drawn
 
 
@@ -163,7 +158,7 @@ def _curve(title: str, values: Array, *, numbers: Sequence[int]) -> str:
     low = min(float(known.min()), middle(known) - 1)
     high = max(float(known.max()), middle(known) + 1)
     kind = "curve many" if values.shape[1] > 1 else "curve"
-    lines = [_path(kind, range(len(values)), high - column) for column in values.T]
+    lines = [_path(kind, range(len(values)), down=high - column) for column in values.T]
     size = (max(len(values) - 1, 1), high - low)
     ticks = _pose_ticks("x", numbers)
     step = _step(high - low, 5)
@@ -171,15 +166,15 @@ def _curve(title: str, values: Array, *, numbers: Sequence[int]) -> str:
         ticks.append(_tick("y", (high - value) / (high - low), name=f"{value:g}"))
         lines.insert(0, f'<path class="grid" d="M0 {high - value:.3f}H{size[0]}"/>')
     low_high = f"from {known.min():.1f} to {known.max():.1f}"
-    frame = _frame("", lines, ticks, size=size, tall="9rem", dark=False)
+    frame = _frame("", lines, ticks=ticks, size=size, tall="9rem", dark=False)
     return f'<div role="img" aria-label="{title}: {low_high}"><h3>{title}</h3>{frame}</div>'
 
 
 def _frame(
     image: str,
     lines: Sequence[str],
-    ticks: Sequence[str],
     *,
+    ticks: Sequence[str],
     size: tuple[float, float],
     tall: str,
     dark: bool,
@@ -206,7 +201,7 @@ def _upright(kind: str, lag: float, *, poses: int) -> str:
     return f'<path class="{kind}" d="M{lag:.1f} 0V{poses}"/>'
 
 
-def _path(kind: str, across: Sequence[float] | Array, down: Sequence[float] | Array) -> str:
+def _path(kind: str, across: Sequence[float] | Array, *, down: Sequence[float] | Array) -> str:
     """Return a line through points, which is interrupted where one is not known."""
     every = max(1, len(across) // MOST_POINTS)
     points = np.stack([across, down], axis=-1)[::every]

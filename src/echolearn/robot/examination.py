@@ -41,7 +41,7 @@ def examined(folder: Path) -> str:
         BadValue: the child refuses it, or is lost over it.
     """
     digest = str(read_content(folder)["sha256"])
-    _examine("bundle", folder, digest)
+    _examine("bundle", folder, digest=digest)
     return digest
 
 
@@ -55,21 +55,21 @@ def examine_run(folder: Path, digest: str) -> None:
     Raises:
         BadValue: the child refuses it, or is lost over it.
     """
-    _examine("run", folder, digest)
+    _examine("run", folder, digest=digest)
 
 
-def _examine(kind: str, folder: Path, digest: str) -> None:
+def _examine(kind: str, folder: Path, *, digest: str) -> None:
     if known.is_known(digest, known.MADE, known.EXAMINED) or digest in digests().values():
         return
     began = time.perf_counter()
-    _try(kind, folder, digest)
+    _try(kind, folder, digest=digest)
     known.remember(digest, known.EXAMINED)
     spent = f"{time.perf_counter() - began:.1f} s"
     said = f"{kind} {folder.name}: from elsewhere; examined in {spent}, once for all loads"
     print(printable(said), file=sys.stderr, flush=True)
 
 
-def _try(kind: str, folder: Path, digest: str) -> None:
+def _try(kind: str, folder: Path, *, digest: str) -> None:
     """Raise `BadValue` unless a child can load the bundle or run of this digest."""
     # The child finds echolearn where this process has found it.
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}

@@ -84,7 +84,7 @@ def write_map(folder: Path, files: Files, *, about: Mapping[str, Any]) -> dict[s
         bag.rmdir()
     for name, content in files.items():
         write_atomic(folder / name, content)
-    return manifests.finish(folder, about, files)
+    return manifests.finish(folder, about, files=files)
 
 
 def _tell_replaced(folder: Path, inputs: Mapping[str, Any]) -> None:

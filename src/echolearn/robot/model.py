@@ -86,7 +86,7 @@ def try_run(folder: Path) -> str:
         allowed=f"must be at most {LIMITS[MODEL]} bytes",
     )
     name = f"{folder}/{MODEL}"
-    data = manifests.listed_bytes(folder, manifest, [MODEL]).get(MODEL, b"")
+    data = manifests.listed_bytes(folder, manifest, names=[MODEL]).get(MODEL, b"")
     untrusted_models.check_onnx(data, name=name)
     session = _session(data, name)
     shape = session.get_inputs()[0].shape[1:] if session.get_inputs() else []

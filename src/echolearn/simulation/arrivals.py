@@ -77,7 +77,7 @@ class SoundPaths:
         spectra = fir_loops.changed_spectra(
             _spectra(size),
             place,
-            self.gain,
+            gain=self.gain,
             low=_low_band(size, sample_rate),
             highs=self.highs,
             clusters=fft.rfft(self.clusters, size),
@@ -85,7 +85,7 @@ class SoundPaths:
         )
         changed = fft.irfft(spectra, size, overwrite_x=True)
         # What a filter of phase zero puts before the first tap comes out at the end.
-        fir_loops.add(response, first, changed, ahead=MARGIN)
+        fir_loops.add(response, first, taps=changed, ahead=MARGIN)
 
     def _places(self) -> tuple[Array, Array]:
         """Return the first sample of each arrival and its row in the table of phi, each (P, M)."""

@@ -39,8 +39,8 @@ NOWHERE = -1
 def plan_images(
     room: PolygonRoom,
     source: Array,
-    microphones: Array,
     *,
+    microphones: Array,
     reflection: Array,
     reach: float,
     faint: float,

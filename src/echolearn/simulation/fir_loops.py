@@ -34,7 +34,7 @@ def filtered_signals(signals: Array, taps: Array, *, low: Array, share: Array) -
     return result
 
 
-def add(response: Array, first: Array, taps: Array, *, ahead: int = 0) -> None:
+def add(response: Array, first: Array, *, taps: Array, ahead: int = 0) -> None:
     """Add taps (P, M, T) from sample `first` (P, M) on; what lies outside (M, N) is left out.
 
     Args:
@@ -64,8 +64,8 @@ def subtract_pulses(
 def changed_spectra(
     table: Array,
     place: Array,
-    gain: Array,
     *,
+    gain: Array,
     low: Array,
     highs: Array,
     clusters: Array,

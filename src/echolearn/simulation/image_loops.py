@@ -62,15 +62,15 @@ def responses(axes: tuple[Array, Array, Array], length: int, *, reach: float) ->
 
 def fractional_delay(t: Array) -> Array:
     """Return phi at `t` samples from its centre: the sinc under a Kaiser window."""
-    return np.sinc(t) * _kaiser(t, HALF_WIDTH, 9.0)
+    return np.sinc(t) * _kaiser(t, HALF_WIDTH, beta=9.0)
 
 
 def spreading_kernel(t: Array) -> Array:
     """Return psi at `t` samples of the grid from its centre."""
-    return _kaiser(t, TAPS / 2, 17.0)
+    return _kaiser(t, TAPS / 2, beta=17.0)
 
 
-def _kaiser(x: Array, half_width: float, beta: float) -> Array:
+def _kaiser(x: Array, half_width: float, *, beta: float) -> Array:
     """Return the Kaiser-Bessel bump I0(beta sqrt(1 - (x / half_width)^2)) / I0(beta), 0 outside."""
     height = np.sqrt(np.maximum(1.0 - (x / half_width) ** 2, 0.0))
     return np.where(np.abs(x) <= half_width, np.i0(beta * height) / np.i0(beta), 0.0)

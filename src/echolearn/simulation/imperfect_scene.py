@@ -79,16 +79,16 @@ class ImperfectScene(Scene):
         response = self.rir(
             room,
             source,
-            source + places,
+            microphones=source + places,
             sample_rate=self.probe.sample_rate,
             speed_of_sound=self.speed_of_sound,
         )
 
         # What arrives with a wall or without is told apart from the rest, and changed for itself.
-        single = self._straight.beside(self._walls(room, pose, places))
+        single = self._straight.beside(self._walls(room, pose, places=places))
         single.subtract(response)
         response = self._rest(response, room)
-        self._add(single.beside(self._clutter(room, pose, places)), response)
+        self._add(single.beside(self._clutter(room, pose, places=places)), response)
         return self._recorded(response)
 
     def _add(self, arrivals: SoundPaths, response: Array) -> None:
@@ -107,7 +107,7 @@ class ImperfectScene(Scene):
         """Samples per metre."""
         return self.probe.sample_rate / self.speed_of_sound
 
-    def _walls(self, room: AnyRoom, pose: Pose, places: Array) -> SoundPaths:
+    def _walls(self, room: AnyRoom, pose: Pose, *, places: Array) -> SoundPaths:
         """Return the first-order echoes of a room's walls.
 
         Args:
@@ -116,7 +116,7 @@ class ImperfectScene(Scene):
         """
         source = np.asarray(pose.position, dtype=float)
         toward, way, reflection = first_ways(
-            room, source, source + places, speed_of_sound=self.speed_of_sound
+            room, source, microphones=source + places, speed_of_sound=self.speed_of_sound
         )
         # A room of more walls than six has some that are alike.
         wall = np.arange(len(toward)) % len(self._flaws.dulling)
@@ -124,11 +124,11 @@ class ImperfectScene(Scene):
         echoes = self._arrivals(way, highs=highs[:, None], clusters=self._flaws.clusters[wall])
         return echoes.scaled(reflection)
 
-    def _clutter(self, room: AnyRoom, pose: Pose, places: Array) -> SoundPaths:
+    def _clutter(self, room: AnyRoom, pose: Pose, *, places: Array) -> SoundPaths:
         """Return what scatterers in the room send back; arguments as those of `_walls`."""
         flaws = self._flaws
         toward = turned(flaws.scatterers, pose.heading)
-        farthest = np.minimum(ways_out(room, pose.position, toward), REACH)
+        farthest = np.minimum(ways_out(room, pose.position, toward=toward), REACH)
         there = (farthest * flaws.ways)[:, None]
         back = np.linalg.norm(there[..., None] * toward[:, None] - places, axis=-1)
         arrivals = self._arrivals(

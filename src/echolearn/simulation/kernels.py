@@ -90,7 +90,7 @@ def _between(frequencies: bytes) -> Array:
     return np.stack([np.interp(place, np.arange(2 * OCTAVES), knot) for knot in each])
 
 
-def band_db(frequencies: Array, low: float, high: float) -> Array:
+def band_db(frequencies: Array, *, low: float, high: float) -> Array:
     """Return the level of a band-pass of second order at either end, in dB, shape (F,).
 
     Args:

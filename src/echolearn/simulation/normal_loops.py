@@ -56,7 +56,7 @@ def standard_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     return drawn
 
 
-def noisy_recording(received: Array, direct: Array, noise: Array, *, gain: float) -> Array:
+def noisy_recording(received: Array, direct: Array, *, noise: Array, gain: float) -> Array:
     """Return (received - direct + noise) * gain, shape (M, N), in place of the noise.
 
     Args:

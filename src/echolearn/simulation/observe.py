@@ -73,7 +73,7 @@ def add_noise(
     from echolearn.simulation.normal_loops import noisy_recording
 
     noise = noises(received, scene, length=scene.probe.length, levels=levels, rng=rng)
-    return noisy_recording(received, scene.direct, noise, gain=10.0 ** (gain_db / 20.0))
+    return noisy_recording(received, scene.direct, noise=noise, gain=10.0 ** (gain_db / 20.0))
 
 
 def noise_alone(

@@ -115,7 +115,7 @@ class Realism:
         check(isinstance(self.suffix, str), "realism.suffix", self.suffix, allowed=allowed)
         for name, bounds in BOUNDS.items():
             limits = getattr(self, name)
-            check_range(f"realism.{name}", limits, bounds)
+            check_range(f"realism.{name}", limits, bounds=bounds)
             object.__setattr__(self, name, tuple(map(float, limits)))
 
     @property
@@ -202,7 +202,7 @@ def _loudspeaker(
     """Draw the response of a loudspeaker, of energy 1, shape (LOUDSPEAKER_TAPS,)."""
     frequencies = np.linspace(0.0, sample_rate / 2, LOUDSPEAKER_TAPS + 1)
     level = ripple(frequencies, drawn["loudspeaker_ripple_db"], count=1, rng=rng)[0]
-    level += band_db(frequencies, drawn["loudspeaker_low"], drawn["loudspeaker_high"])
+    level += band_db(frequencies, low=drawn["loudspeaker_low"], high=drawn["loudspeaker_high"])
     response = minimum_phase(level)
     return response / np.linalg.norm(response)
 

@@ -32,7 +32,7 @@ def response_length(room: AnyRoom, sample_rate: float) -> int:
 
 
 def check_placement(
-    room: AnyRoom, source: Array, microphones: Array, *, sample_rate: float, speed_of_sound: float
+    room: AnyRoom, source: Array, *, microphones: Array, sample_rate: float, speed_of_sound: float
 ) -> None:
     """Check what every engine is called with.
 
@@ -55,8 +55,8 @@ def check_placement(
     shape = np.shape(microphones)
     fits = len(shape) == 2 and shape[1] == 3 and shape[0] > 0
     check(fits, "microphones", shape, allowed="must have shape (M, 3), in m")
-    _check_inside("source", np.atleast_2d(source), room)
-    _check_inside("microphones", np.asarray(microphones), room)
+    _check_inside("source", np.atleast_2d(source), room=room)
+    _check_inside("microphones", np.asarray(microphones), room=room)
 
     if isinstance(room, PolygonRoom):
         away = float(distance_to_outline(np.asarray(source)[:2], room.faces[0]))
@@ -72,7 +72,7 @@ def check_placement(
     check(images < MOST_IMAGES, "room.t60", f"{room.t60:g} s", allowed=allowed, hint=hint)
 
 
-def _check_inside(name: str, points: Array, room: AnyRoom) -> None:
+def _check_inside(name: str, points: Array, *, room: AnyRoom) -> None:
     """Raise `BadValue` unless all points (P, 3) lie in the room."""
     within = inside(room, points)
     place = np.round(points[np.argmin(within)], 3).tolist()

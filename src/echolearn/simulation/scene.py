@@ -30,19 +30,22 @@ class Responder(Protocol):
         self,
         room: AnyRoom,
         source: Array,
-        microphones: Array,
         *,
+        microphones: Array,
         sample_rate: float,
         speed_of_sound: float,
     ) -> Array:
-        """Return impulse responses, shape (M, round(t60 * sample_rate)).
+        """Return impulse responses, (M, round(t60 * sample_rate)); a direct path has 1 / (4 pi d).
 
         Args:
-            room: with its walls.
+            room: with its walls; its T60 gives their coefficients (Sabine) and the length.
             source: shape (3,), in m.
             microphones: shape (M, 3), in m.
             sample_rate: in Hz.
             speed_of_sound: in m/s.
+
+        Raises:
+            BadValue: what `responses.check_placement` refuses, or what the engine cannot do.
         """
 
 
@@ -80,7 +83,7 @@ class Scene:
         response = self.rir(
             room,
             np.asarray(pose.position, dtype=float),
-            microphone_positions(self.array, pose),
+            microphones=microphone_positions(self.array, pose),
             sample_rate=self.probe.sample_rate,
             speed_of_sound=self.speed_of_sound,
         )

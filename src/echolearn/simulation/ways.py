@@ -15,7 +15,7 @@ def free_path(room: AnyRoom) -> float:
 
 
 def first_ways(
-    room: AnyRoom, source: Array, microphones: Array, *, speed_of_sound: float
+    room: AnyRoom, source: Array, *, microphones: Array, speed_of_sound: float
 ) -> tuple[Array, Array, Array]:
     """Return what arrives by one wall.
 
@@ -35,13 +35,15 @@ def first_ways(
         coefficients = reflection[np.array(room.walls) > 0]
         heard = np.ones((len(images), len(microphones)), dtype=bool)
     else:
-        images, coefficients, heard = _of_polygon(room, source, microphones, reflection=reflection)
+        images, coefficients, heard = _of_polygon(
+            room, source, microphones=microphones, reflection=reflection
+        )
     way = np.linalg.norm(images[:, None] - microphones, axis=-1)
     return images - source, way, coefficients[:, None] * heard
 
 
 def _of_polygon(
-    room: PolygonRoom, source: Array, microphones: Array, *, reflection: Array
+    room: PolygonRoom, source: Array, *, microphones: Array, reflection: Array
 ) -> tuple[Array, Array, Array]:
     """Return images (W, 3), reflection coefficients (W,), and who hears them (W, M).
 
@@ -64,8 +66,14 @@ def _of_polygon(
     return np.vstack([upright, level]), coefficients, np.vstack([heard, everywhere])
 
 
-def ways_out(room: AnyRoom, place: Array, toward: Array) -> Array:
-    """Return how far walls, floor or ceiling are in directions (Q, 3), in m; infinite in doors."""
+def ways_out(room: AnyRoom, place: Array, *, toward: Array) -> Array:
+    """Return how far walls, floor or ceiling are, shape (Q,), in m; infinite through doors.
+
+    Args:
+        room: with its walls.
+        place: within it, shape (3,), in m.
+        toward: unit vectors, shape (Q, 3).
+    """
     if isinstance(room, Room):
         low, high = bounds(room)
         with np.errstate(divide="ignore"):

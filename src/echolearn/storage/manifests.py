@@ -58,8 +58,8 @@ MOST = 500_000
 def finish(
     folder: Path,
     about: Mapping[str, Any],
-    files: Iterable[str],
     *,
+    files: Iterable[str],
     last: str = MANIFEST,
     largest: int = LARGEST,
 ) -> dict[str, Any]:
@@ -220,7 +220,7 @@ def verify(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def listed_bytes(folder: Path, manifest: Mapping[str, Any], names: Iterable[str]) -> Contents:
+def listed_bytes(folder: Path, manifest: Mapping[str, Any], *, names: Iterable[str]) -> Contents:
     """Return contents of files as a manifest names them, whoever writes to the folder meanwhile.
 
     Args:
@@ -260,7 +260,7 @@ def sidecar(path: Path) -> Path:
     return Path(path).with_suffix(".json")
 
 
-def write_shard(folder: Path, index: int, array: NDArray[Any]) -> None:
+def write_shard(folder: Path, index: int, *, array: NDArray[Any]) -> None:
     """Write one shard, and then its size and checksum beside it.
 
     Args:

@@ -111,7 +111,9 @@ def paint_metric(axis: Axes, *, vary: str, rows: Sequence[Row]) -> None:
         # Equal shares stand side by side, a point (1/72 inch) apart.
         aside = number - (len(names) - 1) / 2
         place = offset_copy(axis.transData, axis.get_figure(root=True), x=aside, units="points")
-        paint_intervals(axis, x, pick(rows, localizer=name), label=name, transform=place, **style)
+        paint_intervals(
+            axis, x, rows=pick(rows, localizer=name), label=name, transform=place, **style
+        )
     if vary == "pings":
         axis.set_xscale("log", base=2)
     if vary == "pings" or vary in NAMED:

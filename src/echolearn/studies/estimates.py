@@ -16,9 +16,15 @@ from echolearn.studies.recordings import Condition, Position, record
 from echolearn.studies.study import Study
 
 
-def write_shard(study: Study, folder: Path, index: int) -> None:
-    """Write what localizers get right at one value."""
-    manifests.write_shard(folder, index, estimate(study, study.values[index]))
+def write_estimates(study: Study, folder: Path, *, index: int) -> None:
+    """Write what localizers get right at one value.
+
+    Args:
+        study: names the values, the localizers and the trials.
+        folder: of the shards.
+        index: number of the value.
+    """
+    manifests.write_shard(folder, index, array=estimate(study, study.values[index]))
 
 
 def estimate(study: Study, value: Any) -> Array:

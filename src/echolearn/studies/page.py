@@ -36,7 +36,7 @@ def publish(folder: Path, page: Path) -> None:
     manifest = manifests.verify(folder)
     check_page(page, name)
     # All of one study: another command may write other intervals into the folder meanwhile.
-    found = manifests.listed_bytes(folder, manifest, manifest["files"])
+    found = manifests.listed_bytes(folder, manifest, names=manifest["files"])
     beside = page.parent / page.stem
     write_beside(beside / f"{name}.csv", found["study.csv"])
     # One value, or arrays, which are no scale, make a table, no figure.

@@ -32,7 +32,7 @@ from echolearn.storage.identity import digest, plain
 from echolearn.storage.once import once
 from echolearn.studies import curves
 from echolearn.studies.accuracy import METRICS
-from echolearn.studies.estimates import write_shard
+from echolearn.studies.estimates import write_estimates
 from echolearn.studies.study import CHANCE, Study
 
 
@@ -76,7 +76,7 @@ def run_study(
         files = curves.study_files(name, vary=study.vary, rows=rows)
         for file, content in files.items():
             write_atomic(folder / file, content)
-        manifests.finish(folder, about | manifests.command_entry(command), files)
+        manifests.finish(folder, about | manifests.command_entry(command), files=files)
         return files["study.md"].decode()
 
     finished = partial(_finished, folder, about)
@@ -97,7 +97,7 @@ def _write_missing(study: Study, estimates: Path, *, name: str, workers: int) ->
     missing = manifests.missing_shards(estimates, len(study.values))
     done = len(study.values) - len(missing)
     with processes(max(1, min(workers, len(missing)))) as pool:
-        jobs = [pool.submit(write_shard, study, estimates, index) for index in missing]
+        jobs = [pool.submit(write_estimates, study, estimates, index=index) for index in missing]
         for job in track(jobs, f"study {name}", unit="values", done=done):
             job.result()
 
@@ -125,7 +125,7 @@ def _finished(folder: Path, about: Mapping[str, Any]) -> str | None:
     with suppress(BadValue):
         manifests.verify(folder)
         if about.items() <= manifest.items():
-            return manifests.listed_bytes(folder, manifest, ["study.md"])["study.md"].decode()
+            return manifests.listed_bytes(folder, manifest, names=["study.md"])["study.md"].decode()
     return None
 
 

@@ -235,6 +235,11 @@ def check_size(path: Path, limit: int, *, hint: str = "") -> None:
     """Raise `BadValue` if a file is too large or no plain file.
 
     One that is missing is left to its reader.
+
+    Args:
+        path: of the file.
+        limit: largest size, in bytes.
+        hint: what to do about a larger one.
     """
     if path.exists():
         check(path.is_file(), str(path), "no plain file", allowed="must be a file")

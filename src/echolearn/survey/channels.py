@@ -48,7 +48,7 @@ class Verdicts:
     refused: list[str] = field(default_factory=list)
     noticed: list[str] = field(default_factory=list)
 
-    def refuse(self, which: ArrayLike, word: str, line: str) -> None:
+    def refuse(self, which: ArrayLike, word: str, *, line: str) -> None:
         """Say a word of some microphones, and refuse with a line.
 
         Args:
@@ -113,11 +113,11 @@ def _dead(walk: Walk, found: Verdicts) -> Array:
             f"dead channels={where}, not in the others: must be the same in every recording; "
             "do channels change places, or is a plug loose?"
         )
-        found.refuse(dead.any(axis=0), "dead at times", line)
+        found.refuse(dead.any(axis=0), "dead at times", line=line)
         return dead
     which = dead.any(axis=0)
     line = f"dead channels={where}: must hear the probe; {naming.left_out(which)}"
-    found.refuse(which, "dead", line)
+    found.refuse(which, "dead", line=line)
     return dead
 
 
@@ -132,14 +132,14 @@ def _clipped(walk: Walk, found: Verdicts, *, dead: Array) -> None:
             f"smallest and the largest sample at {_where(walk, soft)}: must be "
             f"{level_rules.STEPS} or more; record with more gain"
         )
-        found.refuse(soft.any(axis=0), "too soft", line)
+        found.refuse(soft.any(axis=0), "too soft", line=line)
     clipped &= ~soft
     if clipped.any():
         line = (
             f"clipped={100 * share[clipped].max():.0f} % of a burst at {_where(walk, clipped)}: "
             f"must be at most {100 * level_rules.CLIPPED:g} %; record with less gain"
         )
-        found.refuse(clipped.any(axis=0), "clipped", line)
+        found.refuse(clipped.any(axis=0), "clipped", line=line)
 
 
 def _overflowed(walk: Walk, found: Verdicts) -> None:
@@ -150,7 +150,7 @@ def _overflowed(walk: Walk, found: Verdicts) -> None:
             f"overflowed={wrapped.max()} samples at {_where(walk, wrapped > 0)}: must stay within "
             "the range, beyond which they come out at its other end; record with less gain"
         )
-        found.refuse((wrapped > 0).any(axis=0), "overflowed", line)
+        found.refuse((wrapped > 0).any(axis=0), "overflowed", line=line)
 
 
 def _lost(walk: Walk, found: Verdicts) -> None:
@@ -161,7 +161,7 @@ def _lost(walk: Walk, found: Verdicts) -> None:
             f"lost samples={still.max()} equal ones in a row at {_where(walk, still > 0)}: must "
             "be sound; did the recorder drop a buffer?"
         )
-        found.refuse(still.any(axis=0), "samples lost", line)
+        found.refuse(still.any(axis=0), "samples lost", line=line)
     repeated = np.asarray(walk.levels.repeated)
     if repeated.any():
         where = naming.recordings(walk.numbers, repeated > 0)
@@ -185,7 +185,7 @@ def _same(walk: Walk, found: Verdicts) -> None:
             f"{naming.recordings(walk.numbers, np.ones(len(walk.numbers), dtype=bool))}: must be "
             "different; is one input recorded twice?"
         )
-        found.refuse(which, "doubled", line)
+        found.refuse(which, "doubled", line=line)
         return
     excess = _excess(walk, alike)
     leak = np.abs(excess) > 0
@@ -196,7 +196,7 @@ def _same(walk: Walk, found: Verdicts) -> None:
             f"{naming.microphones(which)} in the median recording: must be below "
             f"{20 * np.log10(LEAK):.0f} dB; do cables or inputs leak into one another?"
         )
-        found.refuse(which, "crosstalk", line)
+        found.refuse(which, "crosstalk", line=line)
 
 
 def _excess(walk: Walk, alike: Array) -> Array:
@@ -241,7 +241,7 @@ def _loopback(walk: Walk, found: Verdicts) -> None:
             f"loopback={naming.microphones(loop)} holds the burst as it was emitted, correlation "
             f"{score[loop].max():.3f}: must be a microphone; {naming.left_out(loop)}"
         )
-        found.refuse(loop, "loopback", line)
+        found.refuse(loop, "loopback", line=line)
         found.alive = found.alive & ~loop
 
 
@@ -256,7 +256,7 @@ def _swapped(walk: Walk, found: Verdicts) -> None:
         f"changed places={naming.microphones(which)} in {where}: echoes must be plane waves, "
         "and are more so with the two, or their neighbours, exchanged; were plugs exchanged?"
     )
-    found.refuse(which, "changes places", line)
+    found.refuse(which, "changes places", line=line)
 
 
 def _soft(walk: Walk, found: Verdicts) -> None:

@@ -111,7 +111,7 @@ def _calibration(walk: Walk, used: Array) -> TimeZero:
     survey = walk.survey
     if "calibration" not in (survey.direct, survey.played):
         return TimeZero("", np.zeros(1))
-    lags = time_zero.expected(survey.array, survey.probe, survey.speed_of_sound)
+    lags = time_zero.expected(survey.array, survey.probe, speed_of_sound=survey.speed_of_sound)
     found = time_zero.direct_path_of(arrivals(survey.calibration, survey.probe), lags)
     share = found.height**2 / np.sum(survey.calibration**2, axis=-1)
     if np.mean(share[used] >= DIRECT_SHARE) <= 0.5:

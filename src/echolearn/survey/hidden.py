@@ -48,7 +48,9 @@ def _present(walk: Walk, alive: Array) -> list[str]:
         return []
     expected = np.array(
         [
-            time_zero.expected(survey.around(pose), survey.probe, survey.speed_of_sound)
+            time_zero.expected(
+                survey.around(pose), survey.probe, speed_of_sound=survey.speed_of_sound
+            )
             for pose in range(len(survey.poses))
         ]
     )

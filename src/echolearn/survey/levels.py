@@ -84,7 +84,7 @@ def measure_levels(samples: Array, probe: Probe) -> tuple[Levels, Array]:
     everywhere = np.ones(len(samples), dtype=bool)
     offset = samples.mean(axis=-1)
     tones = mains(samples - offset[:, None], probe.sample_rate)
-    rest = steadied(samples, everywhere, tones)
+    rest = steadied(samples, everywhere, tones=tones)
     hum = np.zeros(len(samples))
     if tones:
         hum = np.var(samples, axis=-1) / np.maximum(np.var(rest, axis=-1), 1e-30) - 1.0

@@ -66,12 +66,12 @@ def repeated_alone(samples: Array) -> int:
     order = order[changing[order]]
     twice = np.flatnonzero(np.diff(marks[order]) == 0)[:COMPARED]
     pairs = zip(order[twice].tolist(), order[twice + 1].tolist(), strict=True)
-    found = [_as_before(samples[rows[i]], int(places[i]), int(places[j])) for i, j in pairs]
+    found = [_as_before(samples[rows[i]], int(places[i]), second=int(places[j])) for i, j in pairs]
     longest = max(found, default=0)
     return longest if longest >= LOST else 0
 
 
-def _as_before(channel: Array, first: int, second: int) -> int:
+def _as_before(channel: Array, first: int, *, second: int) -> int:
     """Return how many samples around two places of a channel (N,) are equal, in a row."""
     count = len(channel) - second
     after = channel[first : first + count] != channel[second:]

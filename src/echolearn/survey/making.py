@@ -36,29 +36,21 @@ def made_once(
     Raises:
         BadValue: recordings of another origin, or a survey made with other settings.
     """
+
+    def make() -> Path:
+        """Write those files that are not there yet, and declare the survey finished."""
+        names = journal.make_missing(folder, about, contents=contents(), begun=begun)
+        try:
+            # Of a survey that was mended the manifest still holds, as whoever made it had it.
+            manifests.verify(folder)
+        except BadValue:
+            made = {**about, **manifests.command_entry(command)}
+            manifests.finish(folder, made, files=names, largest=manifests.FOREIGN)
+        journal.end(folder)
+        return folder
+
     finished = partial(_finished, folder, about, begun=begun)
-    make = partial(_make, folder, about, begun=begun, contents=contents, command=command)
     return once(folder, finished=finished, make=make, doing="records this survey")
-
-
-def _make(
-    folder: Path,
-    about: Mapping[str, Any],
-    *,
-    begun: str,
-    contents: Callable[[], Iterator[journal.Content]],
-    command: str | None,
-) -> Path:
-    """Write those files of a survey that are not there yet, and declare it finished."""
-    names = journal.make_missing(folder, about, contents=contents(), begun=begun)
-    try:
-        # Of a survey that was mended the manifest still holds, as whoever made it had it.
-        manifests.verify(folder)
-    except BadValue:
-        made = {**about, **manifests.command_entry(command)}
-        manifests.finish(folder, made, names, largest=manifests.FOREIGN)
-    journal.end(folder)
-    return folder
 
 
 def _finished(folder: Path, about: Mapping[str, Any], *, begun: str) -> Path | None:

@@ -86,7 +86,7 @@ def _measure(
 ) -> tuple[Levels, Direct, Shape, Echo, Array, float, Array, Array]:
     """Measure one recording."""
     probe = survey.probe
-    lags = time_zero.expected(survey.around(pose), probe, survey.speed_of_sound)
+    lags = time_zero.expected(survey.around(pose), probe, speed_of_sound=survey.speed_of_sound)
     recorded = survey.recording(pose)
     marks = marks_of(recorded)
     about, samples = levels.measure_levels(recorded, probe)

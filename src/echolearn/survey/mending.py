@@ -40,11 +40,11 @@ class Mending:
 
     def __call__(self, samples: Array, pose: int) -> Array:
         """Return the recording of a pose, samples (M, N), as it should have been."""
-        samples = steadied(samples, self.offset[pose], self.tones[pose])
+        samples = steadied(samples, self.offset[pose], tones=self.tones[pose])
         return taken_off(self.sign[pose][:, None] * samples, float(self.latency[pose]))
 
 
-def steadied(samples: Array, offset: Array, tones: tuple[float, ...]) -> Array:
+def steadied(samples: Array, offset: Array, *, tones: tuple[float, ...]) -> Array:
     """Return a recording without what does not belong to its sound.
 
     Args:

@@ -46,8 +46,8 @@ def removed_db(survey: Survey, noise: Array) -> float:
     for pose in poses:
         whole = survey.mended(pose)
         left = survey.without_direct(whole[None], [pose])[0]
-        before += _early_energy(survey, whole[used], pose)
-        after += _early_energy(survey, left[used], pose)
+        before += _early_energy(survey, whole[used], pose=pose)
+        after += _early_energy(survey, left[used], pose=pose)
         hidden += float(np.sum(noise[pose, used] ** 2)) * np.ptp(survey.early_lags(pose))
     # Of noise alone as much is left as there was.
     if not before > 2 * hidden:
@@ -56,7 +56,7 @@ def removed_db(survey: Survey, noise: Array) -> float:
     return 10 * math.log10((before - hidden) / rest)
 
 
-def _early_energy(survey: Survey, samples: Array, pose: int) -> float:
+def _early_energy(survey: Survey, samples: Array, *, pose: int) -> float:
     """Return the sum of squares of the matched filter of samples (M, N) at a pose's early lags."""
     first, last = survey.early_lags(pose)
     r = signals.matched_filter(samples, survey.probe, first=first, last=last - 1)

@@ -60,8 +60,14 @@ class Direct(NamedTuple):
     noise: Array
 
 
-def expected(array: MicArray, probe: Probe, speed_of_sound: float) -> Array:
-    """Return the lags at which the direct path arrives, shape (M,), in samples."""
+def expected(array: MicArray, probe: Probe, *, speed_of_sound: float) -> Array:
+    """Return the lags at which the direct path arrives, shape (M,), in samples.
+
+    Args:
+        array: microphones, as seen from the loudspeaker.
+        probe: tells the sample rate.
+        speed_of_sound: in m/s.
+    """
     distance: Array = np.linalg.norm(array.positions, axis=1)
     return distance * probe.sample_rate / speed_of_sound
 

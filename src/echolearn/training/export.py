@@ -65,7 +65,7 @@ def export(
     folder = Path(runs) / "bundles" / name
     # Everything is put together before the folder is touched: what fails leaves nothing.
     dataset = set_of(source)
-    cut = source if wanted is None else cut_for(source, dataset, wanted)
+    cut = source if wanted is None else cut_for(source, dataset, aim=wanted)
     about = bundle_description(cut, dataset, array=array, probe=probe, resamples=resamples)
     # A comparison speaks of the maps that the run's own cut leaves.
     maps = map_figures(Path(best), cut) if best and cut.threshold == source.threshold else []
@@ -74,8 +74,8 @@ def export(
     files = bundle_files(cut, dataset, probe=probe)
     with locked(folder, waiting=f"{name}: waiting for another command that exports it"):
         check_free(folder, cut)
-        if not _holds(folder, about, files):
-            _write(folder, about, files)
+        if not _holds(folder, about, files=files):
+            _write(folder, about, files=files)
     if card:
         _write_card(card, folder, plan=dataset.manifest["plan"], evidence=evidence)
     return folder
@@ -163,7 +163,7 @@ def set_of(run: Run) -> Dataset:
     raise BadValue(f"run={run.folder}: its set must be under {place}; make it: {make}")
 
 
-def cut_for(run: Run, dataset: Dataset, aim: Aim) -> Run:
+def cut_for(run: Run, dataset: Dataset, *, aim: Aim) -> Run:
     """Return a run with the cut that an aim calls for on its own validation rows.
 
     Args:
@@ -198,7 +198,7 @@ def check_free(folder: Path, run: Run) -> None:
     check(other == run.identity, "name", folder.name, allowed=allowed, hint=hint)
 
 
-def _holds(folder: Path, about: Mapping[str, Any], files: Mapping[str, bytes]) -> bool:
+def _holds(folder: Path, about: Mapping[str, Any], *, files: Mapping[str, bytes]) -> bool:
     """Tell whether a folder holds exactly this bundle, and that loads."""
     try:
         found = scorer.load(folder).bundle.about
@@ -208,11 +208,11 @@ def _holds(folder: Path, about: Mapping[str, Any], files: Mapping[str, bytes]) -
     return same and all((folder / name).read_bytes() == data for name, data in files.items())
 
 
-def _write(folder: Path, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
+def _write(folder: Path, about: Mapping[str, Any], *, files: Mapping[str, bytes]) -> None:
     clean(folder)
     for name, content in files.items():
         write_atomic(folder / name, content)
-    manifests.finish(folder, about, files, last=manifests.BUNDLE)
+    manifests.finish(folder, about, files=files, last=manifests.BUNDLE)
 
     # A bundle that is refused on a robot is not finished.
     try:

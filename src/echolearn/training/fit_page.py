@@ -7,13 +7,12 @@ import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
-from importlib import resources
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
 
+from echolearn.robot.pages import filled_page
 from echolearn.storage import manifests
 from echolearn.storage.advice import assignment
 from echolearn.survey.health import Health
@@ -62,8 +61,7 @@ def fit_page(fit: Fit) -> bytes:
         "advice": _items(advice(fit, about)),
         "steps": _items(next_steps(fit)),
     }
-    text = (resources.files("echolearn.training") / "templates" / PAGE).read_text()
-    return Template(text).substitute(filled).encode()
+    return filled_page("training", PAGE, filled=filled)
 
 
 def _items(lines: Iterable[str]) -> str:

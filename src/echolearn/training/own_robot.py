@@ -116,7 +116,7 @@ def order_for(survey: Path, recipe: FilterRecipe, *, runs: Path, name: str | Non
     sound = mended(walk, health)
     reach = reach_of(sound)
     plan = plan_for(sound, reach, recipe=recipe, name=name)
-    told = conclusions(sound, reach, plan)
+    told = conclusions(sound, reach, plan=plan)
     for line in (*health.mended, *health.noticed, *told):
         print(line, flush=True)
     target = recipe.target or ("on_map" if walk.mapped else "time_and_direction")
@@ -174,7 +174,7 @@ def plan_for(walk: Survey, reach: Reach, *, recipe: FilterRecipe, name: str) -> 
         raise BadValue(f"{walk.folder}: no set can be made for this robot; {error}") from None
 
 
-def conclusions(walk: Survey, reach: Reach, plan: ScatteredPlan) -> list[str]:
+def conclusions(walk: Survey, reach: Reach, *, plan: ScatteredPlan) -> list[str]:
     """Return what was concluded of a robot and its place, a line each.
 
     Args:
@@ -213,4 +213,4 @@ def _write(folder: Path, content: bytes, *, about: Mapping[str, Any]) -> None:
     with locked(folder):
         clean(folder)
         write_atomic(folder / PAGE, content)
-        manifests.finish(folder, plain(about), [PAGE])
+        manifests.finish(folder, plain(about), files=[PAGE])

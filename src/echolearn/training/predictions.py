@@ -49,7 +49,7 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
         return _bundled(folder)
     manifest = manifests.verify(folder)
     inputs, digest = manifest["inputs"], manifest["sha256"]
-    model = manifests.listed_bytes(folder, manifest, ["model.onnx"]).get("model.onnx", b"")
+    model = manifests.listed_bytes(folder, manifest, names=["model.onnx"]).get("model.onnx", b"")
     if known.is_known(digest, known.MADE):
         compute = open_onnx(model)
     else:
@@ -96,8 +96,14 @@ def by_blocks(compute: Callable[[Array], Array]) -> Callable[[Array], Array]:
     return confidence
 
 
-def predict(run: Run, columns: Any, rows: Array | slice = slice(None)) -> Array:
-    """Return the belief in a reflector, shape (B,), in rows of a mapping's or a set's columns."""
+def predict(run: Run, columns: Any, *, rows: Array | slice = slice(None)) -> Array:
+    """Return the belief in a reflector, shape (B,).
+
+    Args:
+        run: finished run; its folder has the scorer.
+        columns: a set, or a mapping of columns that has the run's inputs.
+        rows: those that are asked about; all unless given.
+    """
     confidence = load_scorer(run.folder)(stack_inputs(run.inputs, columns)[rows])
     return np.asarray(confidence, dtype=float)
 
@@ -121,7 +127,7 @@ def validation_rows(run: Run, dataset: Dataset) -> tuple[Array, Array]:
     told = ("target", "seed", "split", "test_share", "validation_share")
     problem = LearningProblem(dataset, **{key: run.metrics[key] for key in told})
     rows = problem.parts().validation
-    return predict(run, dataset, rows), problem.labels()[rows]
+    return predict(run, dataset, rows=rows), problem.labels()[rows]
 
 
 def predict_rows(run: Run, dataset: Dataset, *, held_out: bool = False) -> Predictions:
@@ -137,7 +143,7 @@ def predict_rows(run: Run, dataset: Dataset, *, held_out: bool = False) -> Predi
     # What a run was trained on says nothing about what it can do.
     if held_out or run.data_digest == dataset.digest:
         rows = held_out_rows(run, dataset)
-    return Predictions(run.seed, rows, predict(run, dataset, rows), run.threshold)
+    return Predictions(run.seed, rows, predict(run, dataset, rows=rows), run.threshold)
 
 
 def predict_echoes(run: Run, survey: LocalizedSurvey) -> Predictions:

@@ -22,7 +22,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -33,27 +32,25 @@ from echolearn.classifiers.calibration import (
     METHODS,
     PLATT,
     Calibrated,
-    calibrate,
-    plain_calibration,
 )
-from echolearn.classifiers.classifier import Classifier, Examples
+from echolearn.classifiers.classifier import Classifier
 from echolearn.classifiers.inputs import Rows
-from echolearn.classifiers.operating_point import BALANCED, point_of, read_aim
-from echolearn.evaluation import metrics
-from echolearn.evaluation.reliability import evaluate_calibration
+from echolearn.classifiers.operating_point import BALANCED, read_aim
 from echolearn.storage import files, manifests
-from echolearn.storage.identity import canonical, digest, kind_of
+from echolearn.storage.identity import canonical, digest
 from echolearn.storage.once import once
+from echolearn.training.fitting import (
+    Metrics,
+    cross_validate,
+    evaluate_rows,
+    facts_of,
+    fit_calibrated,
+)
 from echolearn.training.runs import FORMAT
-from echolearn.training.split import LearningProblem, Parts
-
-BASELINES = ("threshold",)
-"""Methods that learn a cut and nothing else."""
+from echolearn.training.split import LearningProblem
 
 CONFIG = "config.json"
 MODEL = "model.onnx"
-
-Metrics = dict[str, Any]
 
 
 def train(
@@ -102,7 +99,7 @@ def train(
 
     from echolearn.training.tensorboard import writable
 
-    told = _told(command, microphones, without)
+    told = _told(command, microphones, without=without)
     make = partial(make_run, problem, classifier, identity=identity, folder=folder, told=told)
     with writable(folder):
         return once(folder, finished=finished, make=make, doing="trains this run")
@@ -115,7 +112,9 @@ def _check(name: str, folds: int, *, calibration: str) -> None:
     check(folds in (0, *range(2, 21)), "folds", folds, allowed=allowed)
 
 
-def _told(command: str | None, microphones: Array | None, without: Sequence[str]) -> dict[str, Any]:
+def _told(
+    command: str | None, microphones: Array | None, *, without: Sequence[str]
+) -> dict[str, Any]:
     """Return what metrics say besides: command, positions of the array, columns left out."""
     told: dict[str, Any] = {**manifests.command_entry(command)}
     if without:
@@ -199,7 +198,7 @@ def make_run(
     total = time.monotonic() - began
     files.save_json(folder / "timing.json", {"fit": round(fitting, 3), "total": round(total, 3)})
     _report(result, total)
-    return manifests.finish(folder, result, [CONFIG, MODEL], last=manifests.METRICS)
+    return manifests.finish(folder, result, files=[CONFIG, MODEL], last=manifests.METRICS)
 
 
 def _show(
@@ -232,112 +231,6 @@ def _show(
         confidence=fitted.confidence(x),
         curves=getattr(fitted.classifier, "curves", {}),
     )
-
-
-def fit_calibrated(
-    model: Classifier,
-    problem: LearningProblem,
-    *,
-    parts: Parts,
-    folder: Path,
-    calibration: str = PLATT,
-    aim: str = BALANCED,
-) -> Calibrated:
-    """Fit a classifier to the training rows of `parts`, calibrate it on the validation rows.
-
-    Args:
-        model: classifier, unfitted.
-        problem: what to learn.
-        parts: rows of the problem's set.
-        folder: place of the classifier's own logs.
-        calibration, aim: as those of `train`.
-    """
-    x = problem.inputs(model.inputs)
-    y = problem.labels()
-    unseen = (x.part(parts.validation), y[parts.validation])
-    examples = Examples(
-        x.part(parts.train),
-        y[parts.train],
-        groups=problem.groups()[parts.train],
-        validation=unseen,
-        folder=folder,
-        seed=problem.seed,
-    )
-    model.fit(examples)
-    return calibrate(model, *unseen, method=calibration, aim=read_aim(aim))
-
-
-def facts_of(fitted: Calibrated) -> Metrics:
-    """Return what a fitted classifier says about itself, for the run's metrics."""
-    model = fitted.classifier
-    method = kind_of(model)
-    return {
-        "method": method,
-        "role": "baseline" if method in BASELINES else "learned",
-        "inputs": list(model.inputs),
-        "threshold": fitted.threshold,
-        "operating_point": point_of(fitted.point) | {"missed": fitted.missed or None},
-        "calibration": plain_calibration(fitted),
-        "grid_search": getattr(model, "cross_validation", None),
-        "accelerator": getattr(model, "device", "cpu"),
-    }
-
-
-def evaluate_rows(
-    fitted: Calibrated, problem: LearningProblem, *, rows: Array
-) -> dict[str, float | None]:
-    """Return every metric of labels on some rows; those without a value are None.
-
-    Args:
-        fitted: classifier with its calibration.
-        problem: what it has learned.
-        rows: numbers of rows of the problem's set, shape (B,).
-    """
-    confidence = fitted.confidence(problem.inputs(fitted.classifier.inputs).part(rows))
-    reference = problem.labels()[rows]
-    values = metrics.evaluate_labels(reference, confidence, threshold=fitted.threshold)
-    values |= evaluate_calibration(reference, confidence)
-    return {name: metrics.finite(value) for name, value in values.items()}
-
-
-def cross_validate(
-    problem: LearningProblem,
-    classifier: Callable[[], Classifier],
-    *,
-    folds: int,
-    folder: Path,
-    **cut: str,
-) -> Metrics | None:
-    """Return each metric's mean, standard deviation and values over folds; None without folds.
-
-    Args:
-        problem: what to learn; its test rows are not looked at.
-        classifier: makes an unfitted one for each fold.
-        folds: number of folds.
-        folder: folder of the run, in which each fold has a temporary one.
-        cut: `calibration` and `aim`, as those of `train`.
-    """
-    if not folds:
-        return None
-    scores = []
-    shares = []
-    for parts in problem.folds(folds):
-        # A network's logs of a fold would pass for those of the run.
-        with TemporaryDirectory(dir=folder) as place:
-            about: Any = {"parts": parts, "folder": Path(place)} | cut
-            fitted = fit_calibrated(classifier(), problem, **about)
-        scores.append(evaluate_rows(fitted, problem, rows=parts.test))
-        shares.append(len(parts.test) / len(parts.train))
-    # What a corrected test needs, beside the folds themselves (`evaluation.paired_tests`).
-    result: Metrics = {"test_to_training": float(np.mean(shares))}
-    for name in scores[0]:
-        values = np.array([score[name] for score in scores], dtype=float)
-        result[name] = {
-            "mean": float(values.mean()),
-            "sd": float(values.std(ddof=1)),
-            "values": [score[name] for score in scores],
-        }
-    return result
 
 
 def write_model(fitted: Calibrated, x: Rows, *, folder: Path) -> Metrics:

@@ -81,7 +81,7 @@ class Dask:
             allowed = f"needs {name}"
             check(find_spec(name) is not None, "engine", "dask", allowed=allowed, hint=hint)
         with _quiet(), self._client(len(jobs)) as client:
-            yield from _share_out(client, work, jobs)
+            yield from _share_out(client, work, jobs=jobs)
 
     def _client(self, jobs: int) -> AbstractContextManager["Client"]:
         if self.scheduler_file is not None:
@@ -233,7 +233,7 @@ def _check_versions(found: dict[str, str], expected: dict[str, str]) -> None:
 
 
 def _share_out(
-    client: "Client", work: Callable[[T], object], jobs: Sequence[T]
+    client: "Client", work: Callable[[T], object], *, jobs: Sequence[T]
 ) -> Generator[T, None, None]:
     """Let a scheduler's workers do the jobs; see `Engine`."""
     from distributed import KilledWorker, as_completed

@@ -39,30 +39,20 @@ class Images:
         self,
         room: AnyRoom,
         source: Array,
-        microphones: Array,
         *,
+        microphones: Array,
         sample_rate: float,
         speed_of_sound: float,
     ) -> Array:
-        """Return the responses from one source to M microphones.
-
-        Args:
-            room: its T60 gives the coefficients of the walls (Sabine) and the length.
-            source: shape (3,), in m.
-            microphones: shape (M, 3), in m.
-            sample_rate: in Hz.
-            speed_of_sound: in m/s.
-
-        Returns:
-            Responses of shape (M, round(t60 * sample_rate)), direct path of amplitude 1 / (4 pi d).
-
-        Raises:
-            BadValue: what `check_placement` refuses.
-        """
+        """Return responses, shape (M, K); arguments as those of `simulation.scene.Responder`."""
         from echolearn.simulation import image_loops
 
         check_placement(
-            room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
+            room,
+            source,
+            microphones=microphones,
+            sample_rate=sample_rate,
+            speed_of_sound=speed_of_sound,
         )
         length = response_length(room, sample_rate)
 
@@ -70,7 +60,9 @@ class Images:
         scale = 2 * sample_rate / speed_of_sound
         reach = 2.0 * (length + image_loops.REACH)
         reflection = room.reflection(speed_of_sound)
-        axes = lattice(room, source, microphones, scale=scale, reflection=reflection, reach=reach)
+        axes = lattice(
+            room, source, microphones=microphones, scale=scale, reflection=reflection, reach=reach
+        )
         response = image_loops.responses(axes, length, reach=reach)
         return np.multiply(response, scale / (4 * np.pi), dtype=np.float64)
 
@@ -78,8 +70,8 @@ class Images:
 def lattice(
     room: AnyRoom,
     source: Array,
-    microphones: Array,
     *,
+    microphones: Array,
     scale: float,
     reflection: Array,
     reach: float,
@@ -100,7 +92,7 @@ def lattice(
         return _plan_and_height(
             room,
             np.asarray(source, dtype=float),
-            np.asarray(microphones, dtype=float),
+            microphones=np.asarray(microphones, dtype=float),
             scale=scale,
             reflection=reflection,
             reach=reach,
@@ -121,8 +113,8 @@ def lattice(
 def _plan_and_height(
     room: PolygonRoom,
     source: Array,
-    microphones: Array,
     *,
+    microphones: Array,
     scale: float,
     reflection: Array,
     reach: float,
@@ -141,7 +133,7 @@ def _plan_and_height(
     orders = plan_images(
         room,
         source[:2],
-        microphones[:, :2],
+        microphones=microphones[:, :2],
         reflection=reflection,
         reach=reach / scale,
         faint=FAINT,

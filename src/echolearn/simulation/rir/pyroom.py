@@ -81,30 +81,20 @@ class Pyroom:
         self,
         room: AnyRoom,
         source: Array,
-        microphones: Array,
         *,
+        microphones: Array,
         sample_rate: float,
         speed_of_sound: float,
     ) -> Array:
-        """Return the responses from one source to M microphones.
-
-        Args:
-            room: the shoebox; its T60 gives the wall coefficients (Sabine) and the length.
-            source: shape (3,), in m.
-            microphones: shape (M, 3), in m.
-            sample_rate: a whole number of Hz.
-            speed_of_sound: in m/s.
-
-        Returns:
-            Responses of shape (M, round(t60 * sample_rate)), direct path of amplitude 1 / (4 pi d).
-
-        Raises:
-            BadValue: a point outside the room, or a sample rate that pyroomacoustics cannot use.
-        """
+        """Return responses, shape (M, K); arguments as those of `simulation.scene.Responder`."""
         if not isinstance(room, Room):
             raise BadValue("rir=pyroom: must be images or torch where the room is no box")
         check_placement(
-            room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
+            room,
+            source,
+            microphones=microphones,
+            sample_rate=sample_rate,
+            speed_of_sound=speed_of_sound,
         )
         whole = float(sample_rate).is_integer()
         allowed = "must be a whole number for pyroomacoustics"

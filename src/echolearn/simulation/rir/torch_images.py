@@ -49,33 +49,23 @@ class TorchImages:
         self,
         room: AnyRoom,
         source: Array,
-        microphones: Array,
         *,
+        microphones: Array,
         sample_rate: float,
         speed_of_sound: float,
     ) -> Array:
-        """Return the responses from one source to M microphones.
-
-        Args:
-            room: its T60 gives the coefficients of the walls (Sabine) and the length.
-            source: shape (3,), in m.
-            microphones: shape (M, 3), in m.
-            sample_rate: in Hz.
-            speed_of_sound: in m/s.
-
-        Returns:
-            Responses of shape (M, round(t60 * sample_rate)), direct path of amplitude 1 / (4 pi d).
-
-        Raises:
-            BadValue: what `check_placement` refuses, or a device that is not there.
-        """
+        """Return responses, shape (M, K); arguments as those of `simulation.scene.Responder`."""
         # Both take long to import, and most who load this module call it never.
         from scipy.signal import fftconvolve
 
         from echolearn.simulation import image_loops
 
         check_placement(
-            room, source, microphones, sample_rate=sample_rate, speed_of_sound=speed_of_sound
+            room,
+            source,
+            microphones=microphones,
+            sample_rate=sample_rate,
+            speed_of_sound=speed_of_sound,
         )
         hint = "without a GPU rir=images is the fast one"
         check_device("rir.device", self.device, hint=hint)
@@ -83,7 +73,9 @@ class TorchImages:
         scale = 2 * sample_rate / speed_of_sound
         reach = 2.0 * (length + image_loops.REACH)
         reflection = room.reflection(speed_of_sound)
-        axes = lattice(room, source, microphones, scale=scale, reflection=reflection, reach=reach)
+        axes = lattice(
+            room, source, microphones=microphones, scale=scale, reflection=reflection, reach=reach
+        )
         q = image_loops.correction().astype(float)
         grid = self._spread(axes, size=2 * length + len(q) + image_loops.TAPS, reach=reach)
         # response(n) = sum over j of q(j) grid(2 n + j)

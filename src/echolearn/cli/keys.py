@@ -1,0 +1,94 @@
+"""What the keys of a configuration stand for: paths, sets, surveys, and what a YAML builds.
+
+    configuration, keys --built--> arguments of a call
+    configuration       --open_set, recorded_survey--> what a command reads
+
+What is not there is told with the command that makes it.
+"""
+
+import re
+import shlex
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from echolearn.cli.config import Config
+    from echolearn.dataset.labelled_set import Dataset
+
+
+def open_set(config: "Config") -> "Dataset":
+    """Open the set of a configuration's plan."""
+    from echolearn.checks import check
+    from echolearn.dataset.generate import folder_of
+
+    place = folder_of(**built(config, "plan"), runs=Path(config["runs"]))
+    allowed = f"must be a set that exists under {place.parent}"
+    hint = f"run: {_generating(config)}"
+    check(place.is_dir(), "plan", place.name, allowed=allowed, hint=hint)
+    return opened_set(place.resolve())
+
+
+def _generating(config: "Config") -> str:
+    """Return the command line that makes the set on which a job trains: its words about the set."""
+    from echolearn.cli.own import folder
+
+    known = (folder() / "generate.yaml").read_text()
+    words = shlex.split(config["command"])[2:]
+    keys = [re.split(r"[.@=]", word)[0] for word in words]
+    found = [re.search(rf"(?m)^(  - )?{re.escape(key)}:", known) for key in keys]
+    options = [word.startswith("--config-dir=") for word in words]
+    own = [word for word, *there in zip(words, found, options, strict=True) if any(there)]
+    return shlex.join(["echolearn", "generate", *own])
+
+
+@cache
+def opened_set(place: Path) -> "Dataset":
+    """Open a set once for all the jobs of a multirun: every byte of it is checked."""
+    from echolearn.dataset.labelled_set import Dataset
+
+    return Dataset(place)
+
+
+def built(config: "Config", keys: str, *, prefix: str = "") -> "Config":
+    """Return some keys of a configuration, built.
+
+    Args:
+        config: in plain containers.
+        keys: their names, separated by blanks.
+        prefix: what messages call the configuration that they stand in, "scene.".
+    """
+    from echolearn.cli.config import build
+
+    return {key: build(config[key], f"{prefix}{key}") for key in keys.split()}
+
+
+def path_of(text: str | None) -> Path | None:
+    """Return a path, or None where nothing is named."""
+    return Path(text) if text else None
+
+
+def recorded_survey(config: "Config") -> Path:
+    """Return the folder of the survey that a command reads."""
+    return needed(config, "survey", allowed="must be a folder in the recorded-survey format")
+
+
+def needed(config: "Config", key: str, *, allowed: str) -> Path:
+    """Return the folder that a key names, which has no default.
+
+    Args:
+        config: in plain containers.
+        key: its name.
+        allowed: what must be named.
+    """
+    from echolearn.checks import check
+
+    hint = f"name it: {' '.join(config['command'].split()[:2])} {key}=<folder>"
+    check(bool(config[key]), key, config[key], allowed=allowed, hint=hint)
+    return Path(config[key])
+
+
+def leave_out(beginnings: tuple[str, ...], command: str) -> str:
+    """Return a command line without the words that have no influence on what it makes."""
+    words = [word for word in shlex.split(command) if not word.startswith(beginnings)]
+    return shlex.join(words)

@@ -1,0 +1,134 @@
+"""Fit a classifier, calibrate it, and say what it is worth: on one split, or fold by fold.
+
+    model, problem, parts --fit_calibrated--> confidence, threshold --evaluate_rows--> metrics
+    problem, folds        --cross_validate--> mean, deviation and values of every metric
+
+A fold is fitted, calibrated and cut as the run itself is.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from echolearn.acoustics.types import Array
+from echolearn.classifiers.calibration import PLATT, Calibrated, calibrate, plain_calibration
+from echolearn.classifiers.classifier import Classifier, Examples
+from echolearn.classifiers.operating_point import BALANCED, point_of, read_aim
+from echolearn.evaluation import metrics
+from echolearn.evaluation.reliability import evaluate_calibration
+from echolearn.storage.identity import kind_of
+from echolearn.training.split import LearningProblem, Parts
+
+BASELINES = ("threshold",)
+"""Methods that learn a cut and nothing else."""
+
+Metrics = dict[str, Any]
+
+
+def fit_calibrated(
+    model: Classifier,
+    problem: LearningProblem,
+    *,
+    parts: Parts,
+    folder: Path,
+    calibration: str = PLATT,
+    aim: str = BALANCED,
+) -> Calibrated:
+    """Fit a classifier to the training rows of `parts`, calibrate it on the validation rows.
+
+    Args:
+        model: classifier, unfitted.
+        problem: what to learn.
+        parts: rows of the problem's set.
+        folder: place of the classifier's own logs.
+        calibration, aim: as those of `train`.
+    """
+    x = problem.inputs(model.inputs)
+    y = problem.labels()
+    unseen = (x.part(parts.validation), y[parts.validation])
+    examples = Examples(
+        x.part(parts.train),
+        y[parts.train],
+        groups=problem.groups()[parts.train],
+        validation=unseen,
+        folder=folder,
+        seed=problem.seed,
+    )
+    model.fit(examples)
+    return calibrate(model, *unseen, method=calibration, aim=read_aim(aim))
+
+
+def facts_of(fitted: Calibrated) -> Metrics:
+    """Return what a fitted classifier says about itself, for the run's metrics."""
+    model = fitted.classifier
+    method = kind_of(model)
+    return {
+        "method": method,
+        "role": "baseline" if method in BASELINES else "learned",
+        "inputs": list(model.inputs),
+        "threshold": fitted.threshold,
+        "operating_point": point_of(fitted.point) | {"missed": fitted.missed or None},
+        "calibration": plain_calibration(fitted),
+        "grid_search": getattr(model, "cross_validation", None),
+        "accelerator": getattr(model, "device", "cpu"),
+    }
+
+
+def evaluate_rows(
+    fitted: Calibrated, problem: LearningProblem, *, rows: Array
+) -> dict[str, float | None]:
+    """Return every metric of labels on some rows; those without a value are None.
+
+    Args:
+        fitted: classifier with its calibration.
+        problem: what it has learned.
+        rows: numbers of rows of the problem's set, shape (B,).
+    """
+    confidence = fitted.confidence(problem.inputs(fitted.classifier.inputs).part(rows))
+    reference = problem.labels()[rows]
+    values = metrics.evaluate_labels(reference, confidence, threshold=fitted.threshold)
+    values |= evaluate_calibration(reference, confidence)
+    return {name: metrics.finite(value) for name, value in values.items()}
+
+
+def cross_validate(
+    problem: LearningProblem,
+    classifier: Callable[[], Classifier],
+    *,
+    folds: int,
+    folder: Path,
+    **cut: str,
+) -> Metrics | None:
+    """Return each metric's mean, standard deviation and values over folds; None without folds.
+
+    Args:
+        problem: what to learn; its test rows are not looked at.
+        classifier: makes an unfitted one for each fold.
+        folds: number of folds.
+        folder: folder of the run, in which each fold has a temporary one.
+        cut: `calibration` and `aim`, as those of `train`.
+    """
+    if not folds:
+        return None
+    scores = []
+    shares = []
+    for parts in problem.folds(folds):
+        # A network's logs of a fold would pass for those of the run.
+        with TemporaryDirectory(dir=folder) as place:
+            about: Any = {"parts": parts, "folder": Path(place)} | cut
+            fitted = fit_calibrated(classifier(), problem, **about)
+        scores.append(evaluate_rows(fitted, problem, rows=parts.test))
+        shares.append(len(parts.test) / len(parts.train))
+    # What a corrected test needs, beside the folds themselves (`evaluation.paired_tests`).
+    result: Metrics = {"test_to_training": float(np.mean(shares))}
+    for name in scores[0]:
+        values = np.array([score[name] for score in scores], dtype=float)
+        result[name] = {
+            "mean": float(values.mean()),
+            "sd": float(values.std(ddof=1)),
+            "values": [score[name] for score in scores],
+        }
+    return result
