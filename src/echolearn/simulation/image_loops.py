@@ -207,6 +207,7 @@ def _respond(response: Any, axes: Any, table: Any, q: Any, reach: Any) -> None:
     """Write the responses of all microphones; see `responses`."""
     x, y, z = axes
     grid = np.empty(2 * (response.shape[1] + (len(q) + TAPS) // 2), np.float32)
+    # Time 0 is where the middle of q stands, and psi begins TAPS / 2 - 1 samples before a delay.
     first = 2 * REACH - TAPS // 2 + 1
     for m in range(len(response)):
         grid[:] = 0.0

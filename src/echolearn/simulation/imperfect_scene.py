@@ -155,8 +155,9 @@ class ImperfectScene(Scene):
 
         flaws = self._flaws
         loss = np.log(flaws.dulling.mean()) / (self._scale * free_path(room))
+        # Of many reflections nobody knows the direction any more: the mean over all of them.
         sent = 1.0 - flaws.drawn["directivity"] / 2.0
-        # In steps of 64 samples and of one: exponentials take as long as the filter.
+        # exp(a + b) = exp(a) exp(b): one for each sample would take as long as the filter.
         steps = np.exp(loss * STEP * np.arange(response.shape[1] // STEP + 1))
         within = sent * np.exp(loss * np.arange(STEP))
         share = np.multiply.outer(steps, within).ravel()
@@ -172,6 +173,7 @@ class ImperfectScene(Scene):
     def _emitted(self) -> Array:
         """The burst as the loudspeaker plays it, `AHEAD` samples late."""
         loudspeaker = self._flaws.loudspeaker
+        # Calibration takes the loudspeaker's largest peak for its time 0, but for the latency.
         late = AHEAD + self._flaws.drawn["latency_samples"] - np.argmax(np.abs(loudspeaker))
         length = len(self.probe.samples) + len(loudspeaker) + 2 * AHEAD
         size = fft.next_fast_len(length, real=True)

@@ -40,6 +40,7 @@ def clusters(count: int, *, spread: float, scattering: float, rng: np.random.Gen
         rng: draws them.
     """
     taps = round(spread)
+    # It has fallen by 26 dB where the spread ends.
     decay = np.exp(-3.0 * np.arange(1, taps + 1) / max(taps, 1))
     tail = decay * rng.standard_normal((count, taps))
     energy = np.sum(tail**2, axis=1, keepdims=True)

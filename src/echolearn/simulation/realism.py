@@ -6,7 +6,7 @@ The simulator's walls are mirrors, its rooms empty, its microphones equal, its l
 response. Each field here is the range of one departure from that, uniform between its two ends; a
 range of (0, 0) leaves the departure out, and all of them are so by default. Where the defaults of
 `conf/realism/measured.yaml` come from is in docs/realism.md. How sound is changed is in
-`imperfections`.
+`imperfect_scene`.
 
 **Truth stays geometric**: the first-order echo of a plain wall, at microphone 1 where the robot
 believes it to be. The loudspeaker's group delay is taken off, as a calibration by the direct path
@@ -148,8 +148,9 @@ class Realism:
                 robot's own parts; None: `rng` does.
         """
         here = rng.spawn(5)
+        # The robot has three of the five parts, walls and clutter are those of a place.
         numbers, _, _, microphones, loudspeaker = robot.spawn(5) if robot else here
-        _, walls, room, _, _ = here
+        _, walls, clutter, _, _ = here
         low, high = np.array([getattr(self, name) for name in BOUNDS]).T
         drawn = dict(zip(BOUNDS, numbers.uniform(low, high).tolist(), strict=True))
         rate = scene.probe.sample_rate
@@ -157,12 +158,13 @@ class Realism:
         count = round(drawn["scatterers"])
         return Imperfections(
             drawn=drawn,
+            # Each wall takes between nothing and twice what was drawn, which is their mean.
             dulling=10.0 ** (-drawn["absorption_db"] * walls.uniform(0.0, 2.0, 6) / 20.0),
             clusters=clusters(
                 7, spread=drawn["spread"] * rate, scattering=drawn["scattering"], rng=walls
             ),
-            scatterers=_directions(count, room),
-            ways=room.uniform(NEAREST_WAY, 1.0, count),
+            scatterers=_directions(count, clutter),
+            ways=clutter.uniform(NEAREST_WAY, 1.0, count),
             facing=np.array([np.cos(facing), np.sin(facing), 0.0]),
             offsets=drawn["microphone_offset"] * microphones.standard_normal((len(scene.array), 3)),
             microphones=_microphones(drawn, len(scene.array), sample_rate=rate, rng=microphones),

@@ -105,9 +105,11 @@ def _contour(sides: Array, first: Array, *, level: float) -> Array:
         here = places[-1]
         trial = here + STEP * _ahead(_nearest(here, sides)[1])
         there = here + STEP * _ahead(_nearest(trial, sides)[1])
+        # Around a corner of the wall the contour bends, so one step back onto it is not enough.
         for _ in range(3):
             distance, away = _nearest(there, sides)
             there = there + (level - distance) * away
+        # It begins near its beginning, too.
         if step > 3 and np.linalg.norm(there - first) < STEP:
             return np.array(places)
         places.append(there)
@@ -132,6 +134,7 @@ def _woven(contour: Array, sides: Array, *, clearance: float, weave: float, swin
     woven = []
     for place, turn in zip(contour, np.linspace(0.0, 1.0, len(contour)), strict=True):
         _, away = _nearest(place, sides)
+        # Halved until no other wall is nearer than the path's own; a centimetre is no way aside.
         inward = weave * math.sin(math.pi * swings * turn) ** 2
         while inward > 0.01 and _nearest(place + inward * away, sides)[0] < clearance - 0.01:
             inward /= 2

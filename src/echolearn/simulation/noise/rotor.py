@@ -160,6 +160,7 @@ def _wandering(steps: int, time: float, *, rng: np.random.Generator) -> Array:
     """
     keep = np.exp(-STEP / time)
     kicks = rng.standard_normal(steps) * np.sqrt(1.0 - keep**2)
+    # The first value has the deviation of all others: the process has been going on for ever.
     kicks[0] /= np.sqrt(1.0 - keep**2)
     return signal.lfilter([1.0], [1.0, -keep], kicks)
 

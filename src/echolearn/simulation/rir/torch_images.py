@@ -136,6 +136,7 @@ def _add(
     steps = (delay * STEPS).floor()
     part = delay * STEPS - steps
     row = steps.long() % STEPS
+    # Time 0 is where the middle of q stands, and psi begins TAPS / 2 - 1 samples before a delay.
     at = microphone * grid.shape[1] + steps.long() // STEPS + (2 * REACH - TAPS // 2 + 1)
     for tap in range(TAPS):
         slope = part * table[row, TAPS + tap]
