@@ -61,8 +61,10 @@ def check_inside(room: AnyRoom, pose: Pose, *, array: MicArray) -> None:
     points = np.vstack([microphone_positions(array, pose), pose.position])
     low, high = bounds(room)
     off_walls = ((points > low) & (points < high)).all()
+    if off_walls and inside(room, points).all():
+        return
     check(
-        off_walls and inside(room, points).all(),
+        False,
         "pose.position",
         "({:g}, {:g}, {:g}) m".format(*pose.position),
         allowed=f"the array of radius {array.radius:g} m must be inside the {room.dimensions} room",

@@ -76,7 +76,7 @@ def records(plan: Plan, rows: range) -> Array:
     for name in contexts[0]:
         values = np.array([context[name] for context in contexts])
         columns[name] = np.repeat(values, estimates.shape[1], axis=0)
-    known = [labels(found, spot, plan=plan) for found, spot in zip(estimates, spots, strict=True)]
+    known = labels(estimates, spots, plan)
     columns |= {name: np.concatenate([each[name] for each in known]) for name in known[0]}
     return _structured(columns)
 
@@ -158,13 +158,33 @@ def _context(spot: Spot) -> dict[str, Any]:
     }
 
 
-def labels(estimates: Array, spot: Spot, *, plan: Plan) -> dict[str, Array]:
+def labels(estimates: Array, spots: list[Spot], plan: Plan) -> list[dict[str, Array]]:
+    """Return the labels of the echoes of each observation, arrays of R rows.
+
+    Args:
+        estimates: TOA in s, azimuth and elevation in rad of each echo, shape (B, R, 3).
+        spots: where they were observed, B of them.
+        plan: gives array, sample rate and speed of sound, and what all rows have in common.
+    """
+    points = wall_points(
+        *np.moveaxis(estimates, -1, 0),
+        position=np.array([spot.pose.position for spot in spots])[:, None],
+        heading=np.array([spot.pose.heading for spot in spots])[:, None],
+        array=plan.scene.array,
+        speed_of_sound=plan.scene.speed_of_sound,
+    )
+    each = zip(estimates, points, spots, strict=True)
+    return [_labels(found, at, spot, plan=plan) for found, at, spot in each]
+
+
+def _labels(estimates: Array, points: Array, spot: Spot, *, plan: Plan) -> dict[str, Array]:
     """Return the labels of the echoes of one observation, arrays of R rows.
 
     Args:
-        estimates: TOA in s, azimuth and elevation in rad of each echo, shape (R, 3).
-        spot: where they were observed.
-        plan: gives array, sample rate and speed of sound, and what all rows have in common.
+        estimates: of its echoes, shape (R, 3), as for `labels`.
+        points: of the map, shape (R, 2), in m.
+        spot: where it was made.
+        plan: as for `labels`.
     """
     scene = plan.scene
     toa, azimuth, elevation = estimates.T
@@ -172,16 +192,8 @@ def labels(estimates: Array, spot: Spot, *, plan: Plan) -> dict[str, Array]:
     truth = true.toa
     tolerance = TOA_TOLERANCE_SAMPLES / scene.probe.sample_rate
     wall = match_echoes(truth, toa, tolerance=tolerance)
-    points = wall_points(
-        toa,
-        azimuth,
-        elevation,
-        position=spot.pose.position,
-        heading=spot.pose.heading,
-        array=scene.array,
-        speed_of_sound=scene.speed_of_sound,
-    )
-    padded = np.pad(truth, (0, plan.most_echoes - len(truth)), constant_values=np.nan)
+    padded = np.full(plan.most_echoes, np.nan)
+    padded[: len(truth)] = truth
     found = {
         "reflector": wall != UNMATCHED,
         "on_map": distance_to_outline(points, outline(spot.room)) <= MAP_TOLERANCE,

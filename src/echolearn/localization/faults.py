@@ -18,8 +18,8 @@ CLIPPED = 0.01
 
 def check_recordings(
     observation: Observation, window: SearchWindow, *, beyond: int
-) -> tuple[int, int]:
-    """Check recordings (B, M, N) and return the first and last lag of the search window.
+) -> tuple[int, int, Array]:
+    """Check recordings (B, M, N); return first and last lag of the window, and energies (B, M).
 
     Args:
         observation: the recordings.
@@ -45,14 +45,15 @@ def check_recordings(
         hint="the recording is too short, or its sample rate is not the probe's",
     )
     # A sum of squares is finite only if all samples are, and takes no array of their size.
+    energy = energies(samples)
     check_finite(
         "observation.samples",
-        energies(samples),
+        energy,
         allowed="samples must be finite",
         hint="is a microphone broken?",
     )
     check_clipping(samples[..., first : last + len(observation.probe.samples)])
-    return first, last
+    return first, last, energy
 
 
 def check_shape(observation: Observation) -> None:

@@ -62,6 +62,7 @@ class MatchedFilter:
             sample rate, so they are searched on finer grids.
         filters: what computes r_m and J.
         first, last: lags of the window, both inclusive.
+        loudness: energy of each recording, shape (B, M).
     """
 
     observation: Observation
@@ -71,11 +72,13 @@ class MatchedFilter:
     filters: Filters = COMPILED
     first: int = field(init=False)
     last: int = field(init=False)
+    loudness: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        first, last = check_recordings(self.observation, self.window, beyond=PAD)
+        first, last, loudness = check_recordings(self.observation, self.window, beyond=PAD)
         object.__setattr__(self, "first", first)
         object.__setattr__(self, "last", last)
+        object.__setattr__(self, "loudness", loudness)
 
     @property
     def scale(self) -> float:
@@ -85,7 +88,7 @@ class MatchedFilter:
     @cached_property
     def silent(self) -> Array:
         """Microphones that are silent, shape (B, M), bool."""
-        return silent_microphones(self.observation.samples)
+        return silent_microphones(self.observation.samples, self.loudness)
 
     @cached_property
     def padded(self) -> Array:

@@ -35,9 +35,14 @@ def stuck(samples: Array) -> Array:
     return still
 
 
-def silent_microphones(samples: Array) -> Array:
-    """Tell which microphones of (B, M, N) are silent, shape (B, M), bool; none where all are."""
-    energy = energies(samples)
+def silent_microphones(samples: Array, energy: Array | None = None) -> Array:
+    """Tell which microphones are silent, shape (B, M), bool; none where all are.
+
+    Args:
+        samples: recordings, shape (B, M, N).
+        energy: theirs, shape (B, M), if it is known already.
+    """
+    energy = energies(samples) if energy is None else energy
     quiet = (energy <= SILENT * np.median(energy, axis=-1, keepdims=True)) | stuck(samples)
     return quiet & ~quiet.all(axis=-1, keepdims=True)
 

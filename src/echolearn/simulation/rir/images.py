@@ -19,6 +19,7 @@ know is diffraction around corners.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -168,17 +169,33 @@ def axis_images(
     Returns:
         For each microphone the squared offsets, and the reflection products, shape (M, 2, K).
     """
-    last = math.ceil(reach / length) + 1
-    cell = np.arange(-last, last + 1)
-    position = cell * length + np.where(cell % 2 == 0, source, length - source)
+    lower, upper = reflection.tolist()
+    cell, mirrored, product = _audible(lower, upper, last=math.ceil(reach / length))
+    position = cell * length + np.where(mirrored, length - source, source)
 
-    # Reflections at the two walls alternate; the wall towards the cell comes first.
-    lower = (np.abs(cell) + (cell < 0)) // 2
-    upper = (np.abs(cell) + (cell > 0)) // 2
-    product = reflection[0] ** lower * reflection[1] ** upper
-    audible = product > FAINT
-
-    square = (position[audible] - microphones[:, None]) ** 2
+    square = (position - microphones[:, None]) ** 2
     order = np.argsort(square, axis=1, kind="stable")
-    nearest = np.take_along_axis(square, order, axis=1)
-    return np.stack([nearest, product[audible][order]], axis=1)
+    images = np.empty((len(microphones), 2, len(cell)))
+    images[:, 0] = square[np.arange(len(square))[:, None], order]
+    images[:, 1] = product[order]
+    return images
+
+
+@lru_cache(maxsize=8)
+def _audible(lower: float, upper: float, *, last: int) -> tuple[Array, Array, Array]:
+    """Return the cells of an axis whose images are not faint: all that a room's places share.
+
+    Args:
+        lower, upper: reflection coefficients of its walls.
+        last: farthest cell of interest, but for one.
+
+    Returns:
+        Numbers of the cells, which are mirrored, and their reflection products, each (K,).
+    """
+    cell = np.arange(-last - 1, last + 2)
+    # Reflections at the two walls alternate; the wall towards the cell comes first.
+    low = (np.abs(cell) + (cell < 0)) // 2
+    high = (np.abs(cell) + (cell > 0)) // 2
+    product = lower**low * upper**high
+    audible = product > FAINT
+    return cell[audible], cell[audible] % 2 == 1, product[audible]
