@@ -174,10 +174,10 @@ def labels(estimates: Array, spots: list[Spot], plan: Plan) -> list[dict[str, Ar
         speed_of_sound=plan.scene.speed_of_sound,
     )
     each = zip(estimates, points, spots, strict=True)
-    return [_labels(found, at, spot, plan=plan) for found, at, spot in each]
+    return [_labels(found, at, spot=spot, plan=plan) for found, at, spot in each]
 
 
-def _labels(estimates: Array, points: Array, spot: Spot, *, plan: Plan) -> dict[str, Array]:
+def _labels(estimates: Array, points: Array, *, spot: Spot, plan: Plan) -> dict[str, Array]:
     """Return the labels of the echoes of one observation, arrays of R rows.
 
     Args:

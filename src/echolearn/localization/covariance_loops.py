@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit, types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from echolearn.acoustics.types import Array
@@ -55,13 +56,13 @@ def packed_inverses(covariances: Array, *, keep: float, loading: Array) -> Array
         loading: added to the diagonal, shape (B, F), float32.
     """
     planes = np.empty((covariances.shape[-1] ** 2, *loading.shape), np.float32)
-    _invert_all(covariances, np.float32(keep), loading, planes)
+    _invert_all((covariances, np.float32(keep), loading), planes)
     return planes
 
 
 @intrinsic
-def _fma(_: Any, a: Any, b: Any, c: Any) -> Any:
-    """Return a b + c, rounded once."""
+def _fma(_: Any, numbers: Any) -> Any:
+    """Return a b + c of a tuple (a, b, c), rounded once."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         """Write the instructions of one call.
@@ -71,9 +72,9 @@ def _fma(_: Any, a: Any, b: Any, c: Any) -> Any:
             builder: place where they are written.
             arguments: values of the call.
         """
-        return builder.fma(*arguments)
+        return builder.fma(*cgutils.unpack_tuple(builder, arguments[0]))
 
-    return types.float32(types.float32, types.float32, types.float32), generate
+    return types.float32(types.UniTuple(types.float32, 3)), generate
 
 
 @njit(error_model="numpy", nogil=True)
@@ -89,8 +90,9 @@ def _frame(recording: Any, window: Any, hop: Any, found: Any) -> None:
 
 
 @njit(error_model="numpy", nogil=True)
-def _share(re: Any, im: Any, count: Any) -> Any:
-    """Return a complex number over a count as NumPy divides: times one over it, zeros signed."""
+def _share(total: Any, count: Any) -> Any:
+    """Return a sum's parts over a count as NumPy divides: times one over it, zeros signed."""
+    re, im = total
     part = np.float32(1.0) / np.float32(count)
     nothing = np.float32(0.0)
     return complex((re + im * nothing) * part, (im - re * nothing) * part)
@@ -124,20 +126,22 @@ def _sum(spectra: Any, means: Any) -> None:
                         sums[1, f] = here - re[m, t, f] * im[n, t, f]
                         sums[2, f] = back - re[n, t, f] * im[m, t, f]
                 for f in range(used):
-                    means[first + f, m, n] = _share(sums[0, f], sums[1, f], count)
-                    means[first + f, n, m] = _share(sums[0, f], sums[2, f], count)
+                    means[first + f, m, n] = _share((sums[0, f], sums[1, f]), count)
+                    means[first + f, n, m] = _share((sums[0, f], sums[2, f]), count)
 
 
 @njit(error_model="numpy", nogil=True)
-def _product(a: Any, b: Any, c: Any) -> Any:
-    """Return a b + c of float32, rounded once."""
-    result: Any = _fma(a, b, c)  # type: ignore[call-arg]
+def _product(factors: Any, added: Any) -> Any:
+    """Return a b + c of float32, rounded once, the factors as a tuple."""
+    result: Any = _fma((factors[0], factors[1], added))  # type: ignore[call-arg]
     return result
 
 
 @njit(error_model="numpy", nogil=True)
-def _load(covariances: Any, keep: Any, loading: Any, re: Any, im: Any) -> None:
-    """Write keep R + loading I of some bins, R (F, M, M), as real and imaginary part (M, M, F)."""
+def _load(given: Any, parts: Any) -> None:
+    """Write keep R + loading I of some bins, given as (R, keep, loading), as parts (M, M, F)."""
+    covariances, keep, loading = given
+    re, im = parts
     nothing = np.float32(0.0)
     for m in range(len(re)):
         for n in range(len(re)):
@@ -146,13 +150,14 @@ def _load(covariances: Any, keep: Any, loading: Any, re: Any, im: Any) -> None:
                 imaginary = covariances[f, m, n].imag
                 added = loading[f] if m == n else nothing
                 # Products with nothing and sums with it decide the signs of zeros.
-                re[m, n, f] = _product(keep, real, -(nothing * imaginary)) + added
-                im[m, n, f] = _product(keep, imaginary, nothing * real) + nothing
+                re[m, n, f] = _product((keep, real), -(nothing * imaginary)) + added
+                im[m, n, f] = _product((keep, imaginary), nothing * real) + nothing
 
 
 @njit(error_model="numpy", nogil=True)
-def _eliminate(k: int, re: Any, im: Any, row: Any, column: Any) -> None:
+def _eliminate(k: int, work: Any) -> None:
     """Do Gauss-Jordan step k on matrices (M, M, F) in place; row and column (2, M, F) are room."""
+    re, im, row, column = work
     one = np.float32(1.0)
     nothing = np.float32(0.0)
     for m in range(len(re)):
@@ -164,8 +169,8 @@ def _eliminate(k: int, re: Any, im: Any, row: Any, column: Any) -> None:
             pivot = one / re[k, k, f]
             real = re[k, n, f] if n != k else one
             imaginary = im[k, n, f] if n != k else nothing
-            row[0, n, f] = _product(real, pivot, -(imaginary * nothing))
-            row[1, n, f] = _product(real, nothing, imaginary * pivot)
+            row[0, n, f] = _product((real, pivot), -(imaginary * nothing))
+            row[1, n, f] = _product((real, nothing), imaginary * pivot)
     re[:, k] = 0.0
     im[:, k] = 0.0
     re[k] = row[0]
@@ -174,16 +179,17 @@ def _eliminate(k: int, re: Any, im: Any, row: Any, column: Any) -> None:
         for n in range(len(re)):
             for f in range(re.shape[2]):
                 re[m, n, f] -= _product(
-                    column[0, m, f], row[0, n, f], -(column[1, m, f] * row[1, n, f])
+                    (column[0, m, f], row[0, n, f]), -(column[1, m, f] * row[1, n, f])
                 )
                 im[m, n, f] -= _product(
-                    column[0, m, f], row[1, n, f], column[1, m, f] * row[0, n, f]
+                    (column[0, m, f], row[1, n, f]), column[1, m, f] * row[0, n, f]
                 )
 
 
 @njit(error_model="numpy", nogil=True)
-def _pack(re: Any, im: Any, planes: Any) -> None:
+def _pack(parts: Any, planes: Any) -> None:
     """Write Hermitian matrices (M, M, F) as planes (M*M, F); see `beamforming.pack_hermitian`."""
+    re, im = parts
     used = planes.shape[1]
     place = len(re)
     half = place * (place - 1) // 2
@@ -196,8 +202,9 @@ def _pack(re: Any, im: Any, planes: Any) -> None:
 
 
 @njit(error_model="numpy", nogil=True)
-def _invert_all(covariances: Any, keep: Any, loading: Any, planes: Any) -> None:
+def _invert_all(given: Any, planes: Any) -> None:
     """Write packed inverses; see `packed_inverses`."""
+    covariances, keep, loading = given
     microphones = covariances.shape[2]
     # Whole blocks, the last one too: numbers that follow each other are taken several at a time.
     re = np.zeros((microphones, microphones, BLOCK), np.float32)
@@ -207,10 +214,11 @@ def _invert_all(covariances: Any, keep: Any, loading: Any, planes: Any) -> None:
     for b in range(len(covariances)):
         for first in range(0, covariances.shape[1], BLOCK):
             last = min(first + BLOCK, covariances.shape[1])
-            _load(covariances[b, first:last], keep, loading[b, first:last], re, im)
+            part = (covariances[b, first:last], keep, loading[b, first:last])
+            _load(part, (re, im))
             for k in range(microphones):
-                _eliminate(k, re, im, row, column)
-            _pack(re, im, planes[:, b, first:last])
+                _eliminate(k, (re, im, row, column))
+            _pack((re, im), planes[:, b, first:last])
 
 
 with suppress(RuntimeError):  # there is no place to keep it
