@@ -200,7 +200,7 @@ def test_labels_by_hand(plan, distance, turned, reflector, on_map):
     spot = Spot(plan.room, Pose(np.array([1.0, 2.5, 2.0]), np.pi / 2), NoiseLevels(0.0), 0)
     path = np.linalg.norm([2 * distance, -0.2])
     estimate = np.array([[path / 343.0, np.pi / 2 + turned, np.pi / 2]])
-    [found] = labels_of(estimate[None], [spot], plan)
+    [found] = labels_of(estimate[None], [spot], plan=plan)
     assert (found["reflector"][0], found["on_map"][0]) == (reflector, on_map)
     assert found["truth_toa"][0, 0] == pytest.approx(np.hypot(2.0, 0.2) / 343.0)
 

@@ -76,7 +76,7 @@ def records(plan: Plan, rows: range) -> Array:
     for name in contexts[0]:
         values = np.array([context[name] for context in contexts])
         columns[name] = np.repeat(values, estimates.shape[1], axis=0)
-    known = labels(estimates, spots, plan)
+    known = labels(estimates, spots, plan=plan)
     columns |= {name: np.concatenate([each[name] for each in known]) for name in known[0]}
     return _structured(columns)
 
@@ -158,7 +158,7 @@ def _context(spot: Spot) -> dict[str, Any]:
     }
 
 
-def labels(estimates: Array, spots: list[Spot], plan: Plan) -> list[dict[str, Array]]:
+def labels(estimates: Array, spots: list[Spot], *, plan: Plan) -> list[dict[str, Array]]:
     """Return the labels of the echoes of each observation, arrays of R rows.
 
     Args:
