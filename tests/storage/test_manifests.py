@@ -189,7 +189,7 @@ from echolearn.storage import manifests
 
 print("start", flush=True)
 for index in range(400):
-    manifests.write_shard(Path(sys.argv[1]), index, np.full(200, index))
+    manifests.write_shard(Path(sys.argv[1]), index, array=np.full(200, index))
 """
 
 

@@ -41,34 +41,6 @@ def echo_direction(distance: Array | float, normal: Array, *, array: MicArray) -
     return np.asarray(image / np.linalg.norm(image, axis=-1, keepdims=True))
 
 
-def echo_slopes(distance: Array, azimuth: Array, *, array: MicArray) -> Array:
-    """Return the derivatives of path and azimuth of an upright wall's echo, shape (2, 2, ...).
-
-    Rows are L in m and the azimuth phi of v, columns the wall's distance D and the azimuth theta of
-    its normal. With t = dn/dtheta, w = 2 D n - c in the plane:
-
-        dL/dD = 2 n . (2 D n - p_1) / L,        dL/dtheta = -2 D t . p_1 / L,
-        dphi/dD = -2 t . w / |w|^2,             dphi/dtheta = 2 D n . w / |w|^2.
-
-    Args:
-        distance: from the loudspeaker to the wall, shape (...), in m.
-        azimuth: of its normal, robot frame, shape (...), in rad.
-        array: its first microphone is the reference.
-    """
-    normal = direction(azimuth, np.pi / 2)
-    tangent = direction(np.asarray(azimuth) + np.pi / 2, np.pi / 2)
-    reference = array.positions[0]
-    path = echo_path(distance, normal, array=array)
-    longer = 2.0 * (2.0 * distance - normal @ reference) / path
-    around = -2.0 * distance * (tangent @ reference) / path
-
-    seen = 2.0 * distance[..., None] * normal[..., :2] - array.centre[:2]
-    aside = -2.0 * (tangent[..., :2] * seen).sum(axis=-1) / (seen**2).sum(axis=-1)
-    centre = (float(array.centre[0]), float(array.centre[1]))
-    turned = seen_turn(distance, azimuth, centre=centre)
-    return np.array([[longer, around], [aside, turned]])
-
-
 def seen_turn(distance: Array, azimuth: Array, *, centre: tuple[float, float]) -> Array:
     """Return dphi/dtheta, by which the array sees an echo turn as its wall's normal turns, (...).
 

@@ -4,7 +4,7 @@ Texts and axes are HTML, which keeps its size wherever the page is read; images 
 frames that stretch. Nothing of a survey is markup: every text is escaped.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
@@ -24,8 +24,6 @@ KEYS = {"direct": "direct path", "window": "search window", "echo": "true echoes
 
 MOST_POINTS = 480
 """Poses that a line shows at most."""
-
-Ticks = Iterable[tuple[float, str]]
 
 
 def page_of(survey: Survey, health: Health, *, facts: Facts, fall: Waterfall) -> bytes:
