@@ -65,8 +65,9 @@ TOGETHER = """
 map -m survey=w bundle=b runs=./a,a/ name=x | both would write | a/maps/x
 map -m survey=w bundle=b name=x resolution=0.1,0.2 | resolution=0.1 and resolution=0.2: both | \
     runs/maps/x; leave name= out
-map -m survey=w,w bundle=b | survey=w: both would write | runs/maps/w-b; leave name= out
-map -m bundle=b -- survey=w -- survey=w | two of them: both would write | runs/maps/w-b; leave
+map -m survey=w,w bundle=b | survey=w: both would write | runs/maps/w-b; do they differ but in how
+map -m survey=w,w/ bundle=b | survey=w and survey=w/: both | w-b-survey_w; do they differ but in how
+map -m bundle=b -- survey=w -- survey=w | two of them: both would write | runs/maps/w-b; do they
 survey -m seed=0,1 name=x | seed=0 and seed=1: both would write | runs/survey/x; leave name= out
 compare -m resamples=20,30 | resamples=20 and resamples=30: both would write | \
     runs/compare/paper; give each a name, as by 'name='"'"'paper-${resamples}'"'"''

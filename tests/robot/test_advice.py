@@ -14,7 +14,7 @@ from echolearn.survey.reader import read_survey
 from mapped_walks import angled, lopsided
 
 SOUND = {"direct": True, "noticed": ()}
-SOUND |= {"snr_db": np.array([20.0, np.nan])}
+SOUND |= {"snr_db": np.array([20.0, np.nan]), "negative_echoes": 0.0}
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +40,7 @@ def empty():
         ({"noticed": ("microphone 3 is 38 dB down",)}, "microphone 3 is 38 dB down"),
         ({"snr_db": np.array([-12.0, np.nan])}, "the SNR is -12 dB"),
         ({"direct": False}, "time zero is taken on trust"),
+        ({"negative_echoes": np.nan, "latency_samples": np.array([[np.nan]])}, "no arrival of the"),
     ],
 )
 def test_evidence_comes_before_questions(empty, health, change, message):

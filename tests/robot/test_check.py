@@ -102,6 +102,33 @@ def test_sound_recordings_and_faulty_ones(name, folder, recordings, tmp_path, ca
     assert line in text and ("wired the other way" in text) == (name == "inverted")
 
 
+def test_a_sign_that_comes_and_goes_is_shown_as_both(folder, recordings, capsys):
+    """And the level is that of all recordings, not their sum's."""
+    turned = recordings.copy()
+    turned[::2] *= -1
+    record(folder, turned)
+    assert main(["check", f"survey={folder}", f"runs={folder.parent}"]) == 0
+    rows = re.findall(r"mended: sign .* (\S+) +([+-]\d\.\d) +-\d+ ", capsys.readouterr().out)
+    assert len(rows) == 6
+    assert all(sign == "+/-" and abs(float(level)) < 1 for sign, level in rows)
+
+
+def test_recordings_without_a_pose_are_counted(folder, recordings, capsys):
+    extra = folder / "observations/99.wav"
+    for said in ("9 recordings\n", "9 recordings; 1 more without a pose, as '99.wav'\n"):
+        assert main(["check", f"survey={folder}", f"runs={folder.parent}"]) == 0
+        assert said in capsys.readouterr().out
+        extra.write_bytes((folder / "observations/0.wav").read_bytes())
+
+
+def test_noise_alone_is_told_to_hold_no_echo(folder, recordings, capsys):
+    edit(folder, direct_path="removed")
+    noise = np.random.default_rng(5).standard_normal(recordings.shape)
+    record(folder, 0.01 * noise)
+    assert main(["check", f"survey={folder}", f"runs={folder.parent}"]) == 0
+    assert "no echo stands out of the noise: was the probe played?" in capsys.readouterr().out
+
+
 class Balance(HTMLParser):
     """Elements that are open; every one must be closed by its own end."""
 

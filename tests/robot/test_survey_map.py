@@ -351,7 +351,7 @@ def changed(walk, change):
         wavfile.write(walk / name, 22050, samples.T.astype(np.float32))
 
 
-def test_a_dead_microphone_is_left_out(made, walk, tmp_path):
+def test_a_dead_microphone_is_left_out(made, walk, tmp_path, recwarn):
     """The map with the others is as true; with none left out the walk is refused, by the number."""
     whole = points(made(runs=tmp_path / "whole"))
     changed(walk, lambda x: x * (np.arange(6) != 2)[:, None])
@@ -359,6 +359,8 @@ def test_a_dead_microphone_is_left_out(made, walk, tmp_path):
         made()
     folder = made(without=[3])
     assert about(folder)["inputs"]["gains"] == [1, 1, 0, 1, 1, 1]
+    # Whoever leaves it out knows that it is silent.
+    assert not [each for each in recwarn if "silent" in str(each.message)]
     few, many = (each[(each[:, 3] == 1) & (each[:, 4] == 0)] for each in (points(folder), whole))
     assert len(few) > len(many) / 2 and on_walls(few, outline(HALL)).mean() > 0.8
     for wrong in ([7], [0], [1, 2, 3, 4, 5], 3):

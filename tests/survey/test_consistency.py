@@ -63,6 +63,18 @@ FAULTS = {
         lambda x: x._replace(places=np.roll(x.places, 1, 0), headings=np.roll(x.headings, 1)),
         "with the pose of the row after each: are files one row off?",
     ),
+    "headings that are not filled in": (
+        lambda x: x._replace(headings=np.full(len(x.headings), np.pi / 6)),
+        "heading_rad=0.524 at every pose, where",
+    ),
+    "feet of a robot that does not turn": (
+        lambda x: x._replace(
+            places=x.places / 0.3048,
+            headings=0 * x.headings,
+            azimuth=x.azimuth + x.headings[:, None],
+        ),
+        "x_m and y_m were in feet: are they?",
+    ),
     "files one row off, up": (
         lambda x: x._replace(places=np.roll(x.places, -1, 0), headings=np.roll(x.headings, -1)),
         "with the pose of the row before each",
@@ -80,6 +92,13 @@ def test_what_is_wrong_with_the_poses_is_told(fault):
 @pytest.mark.parametrize("seed", range(20))
 def test_of_sound_walks_nothing_is_said(seed):
     assert inconsistency(walk(seed)) == ""
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_of_robots_that_do_not_turn_nothing_is_said(seed):
+    heard = walk(seed)
+    azimuth = heard.azimuth + heard.headings[:, None]
+    assert inconsistency(heard._replace(azimuth=azimuth, headings=0 * heard.headings)) == ""
 
 
 def still(heard):

@@ -331,6 +331,18 @@ def test_exchanged_microphones_are_found_along_a_walk(pair, recordings, direct, 
             {},
             "the level of microphone 3 changes by -20 dB against the others on the way: was a gain",
         ),
+        (
+            False,
+            lambda x: x * np.where(np.arange(8) == 3, 100, 1)[:, None, None],
+            {},
+            "the level of recording 3 is 40 dB above the others': is it stored in another way",
+        ),
+        (
+            True,
+            lambda x: x * np.where(np.arange(8) == 3, 0.01, 1)[:, None, None],
+            {},
+            "the level of recording 3 is 40 dB below the others': was the probe played",
+        ),
         (True, lambda x: x, {"microphones": (100 * ARRAY.positions).tolist()}, "=40 m apart: must"),
         (
             False,
@@ -470,6 +482,58 @@ def test_a_calibration_without_the_direct_path_is_refused(change, said, tmp_path
     health = examine(read_survey(survey.folder))
     [line] = health.refused
     assert said in line
+
+
+def beside(folder, recorded):
+    """Return a sound survey with this calibration, (M, K)."""
+    survey = write(folder, walk(direct=True), direct=True)
+    content = audio.wav_bytes(recorded, PROBE.sample_rate)
+    (survey.folder / "calibration.wav").write_bytes(content)
+    return read_survey(survey.folder)
+
+
+def test_offset_and_hum_of_a_calibration_are_mended(tmp_path):
+    """The walk itself does not hum: a calibration is made outdoors, and by other means."""
+    wanted = beside(tmp_path / "sound", SCENE.direct)
+    loud = 2 * SCENE.direct.std() * np.sin(2 * np.pi * 50 * TIME)
+    shifted = 0.3 * SCENE.direct.std() * np.eye(6)[1][:, None]
+    survey = beside(tmp_path / "hums", SCENE.direct + loud + shifted)
+    assert not examine(wanted).mended
+    health = examine(survey)
+    assert [line.split(" ")[:2] for line in health.mended] == [
+        ["calibration.wav:", "offset"],
+        ["calibration.wav:", "hum"],
+    ]
+    wrong, found, sound = (
+        each.observe([0]).samples for each in (survey, mended(survey, health), wanted)
+    )
+    assert np.std(wrong - sound) > sound.std()
+    # What is fitted takes a little of the burst itself.
+    assert np.std(found - sound) < 0.05 * np.std(wrong - sound)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (clipped, "calibration.wav clipped="),
+        (lambda _: walk(direct=True)[3], "calibration.wav=recording 3: must be a recording of its"),
+    ],
+)
+def test_a_calibration_that_is_clipped_or_a_recording_of_the_walk_is_refused(
+    change, said, tmp_path
+):
+    [line] = examine(beside(tmp_path / "walk", change(SCENE.direct))).refused
+    assert line.startswith(said)
+
+
+def test_a_calibration_may_lack_the_microphone_that_is_left_out(tmp_path):
+    deaf = (np.arange(6) != 2)[:, None]
+    survey = beside(tmp_path / "walk", SCENE.direct * deaf)
+    with pytest.raises(BadValue, match=r"calibration.wav channels=\[3\]: must hold"):
+        examine(survey)
+    without = replace(survey, gains=deaf[:, 0].astype(float))
+    assert not examine(without).refused
+    assert np.isfinite(without.observe([0]).samples).all()
 
 
 def test_clocks_that_drift_are_measured(tmp_path):

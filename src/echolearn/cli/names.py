@@ -61,7 +61,8 @@ def named_apart(command: str, jobs: Sequence[Job]) -> list[Job]:
             alone = len(group) == 1 or given or command not in BY_SWEEP
             named[id(job)] = job if alone else _named(command, job, shared=shared)
     found = [named[id(job)] for job in jobs]
-    _check_apart(command, found)
+    given = any(word.startswith("name=") for job in jobs for word in _words(job))
+    _check_apart(command, found, given=given)
     return found
 
 
@@ -98,16 +99,23 @@ def _named(command: str, job: Job, *, shared: set[str]) -> Job:
     return swept, {**config, "name": name, "command": f"{config['command']} {word}"}
 
 
-def _check_apart(command: str, jobs: Sequence[Job]) -> None:
-    """Raise `UsageError` if two jobs write one folder."""
+def _check_apart(command: str, jobs: Sequence[Job], *, given: bool) -> None:
+    """Raise `UsageError` if two jobs write one folder.
+
+    Args:
+        command: what they do.
+        jobs: what was swept and configuration of each.
+        given: whether a name was typed.
+    """
     seen: dict[Path, str] = {}
     for swept, config in jobs:
         folder = _folder(command, config)
         if folder in seen:
             both = " and ".join(dict.fromkeys(filter(None, (seen[folder], swept)))) or "two of them"
-            raise UsageError(
-                f"{both}: both would write {folder}; {_advice(command, folder, swept=swept)}"
-            )
+            advice = _advice(command, folder, swept=swept)
+            if command in BY_SWEEP and not given:
+                advice = "do they differ but in how they are written?"
+            raise UsageError(f"{both}: both would write {folder}; {advice}")
         seen[folder] = swept
 
 

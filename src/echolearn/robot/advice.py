@@ -71,6 +71,11 @@ def _of_geometry(mapped: MappedWalk, window: SearchWindow) -> Iterator[str]:
 
 def _of_recordings(health: Health) -> Iterator[str]:
     """Yield what the recordings show."""
+    if np.isnan(health.negative_echoes) and np.isnan(health.latency_samples).all():
+        yield (
+            "no arrival of the burst stands out of the noise in any recording: was the loudspeaker "
+            "on, and is probe.wav what was played?"
+        )
     known = health.snr_db[np.isfinite(health.snr_db)]
     if len(known) and np.median(known) < FEW_DB:
         yield f"the SNR is {np.median(known):.0f} dB: average several pings at each pose"

@@ -29,6 +29,9 @@ HEADINGS = (
 )
 """Columns of the table of microphones."""
 
+SOUNDS = (".wav", ".flac")
+"""Ends of names of recordings."""
+
 FINE = "fine"
 """Verdict on a microphone of which there is nothing to say."""
 
@@ -98,7 +101,7 @@ def _figures(survey: Survey, health: Health) -> list[tuple[str, str, str]]:
     array = survey.array
     bent = plane_wave_error(array, distance=1.0) * rate / survey.speed_of_sound
     return [
-        ("walk", _way(survey), f"{len(survey.poses)} recordings"),
+        ("walk", _way(survey), _recordings(survey)),
         ("array", f"{len(array)} microphones", limits(array)),
         ("curved waves", f"{bent:.1f} samples", "off plane ones, of a wall 1 m away"),
         ("latency", readable(late, "{:z.1f} samples"), readable(late / rate * 1e3, "{:z.2f} ms")),
@@ -117,8 +120,25 @@ def _figures(survey: Survey, health: Health) -> list[tuple[str, str, str]]:
             "recorder against player",
         ),
         ("clipped", readable(clipped, "{:.1f} %"), "of a burst at the rails, at worst"),
-        ("negative echoes", readable(100 * health.negative_echoes, "{:.0f} %"), "of the strongest"),
+        ("negative echoes", readable(100 * health.negative_echoes, "{:.0f} %"), _heard(health)),
     ]
+
+
+def _heard(health: Health) -> str:
+    """Return of what share negative echoes are told, or that there is none to be told of."""
+    if math.isnan(health.negative_echoes):
+        return "no echo stands out of the noise: was the probe played?"
+    return "of the strongest"
+
+
+def _recordings(survey: Survey) -> str:
+    """Return how many recordings there are, and how many lie there that no pose names."""
+    known = {(survey.folder / file).resolve() for file in survey.files}
+    places = {path.parent for path in known} - {survey.folder.resolve()}
+    there = [path for place in places for path in place.iterdir() if path.suffix in SOUNDS]
+    more = sorted(path.name for path in there if path not in known)
+    count = f"{len(survey.poses)} recordings"
+    return f"{count}; {len(more)} more without a pose, as {more[0]!a:.60}" if more else count
 
 
 def _way(survey: Survey) -> str:
@@ -147,15 +167,15 @@ def _hum(health: Health) -> tuple[str, str]:
 def _channels(survey: Survey, health: Health) -> list[tuple[str, list[str]]]:
     """Return state and row of each microphone: medians over the walk."""
     late = over_poses(health.latency_samples, middle)
-    gain = over_poses(health.direct_gain, middle)
+    gain = over_poses(np.abs(health.direct_gain), middle)
     # In the free field the direct path falls with distance, which is no fault of a microphone.
     away = np.maximum(np.linalg.norm(survey.array.positions, axis=1), 1e-3)
-    direct = 20 * np.log10(np.maximum(np.abs(gain) * away, 1e-15))
+    direct = 20 * np.log10(np.maximum(gain * away, 1e-15))
     direct -= middle(direct)
     columns = [
         all_readable(late, "{:+z.1f}"),
         all_readable(late / survey.probe.sample_rate * 1e3, "{:+z.2f}"),
-        [("-" if value < 0 else "+") if math.isfinite(value) else UNKNOWN for value in gain],
+        [_sign(column) for column in health.direct_gain.T],
         all_readable(direct, "{:+z.1f}"),
         all_readable(over_poses(health.level_db, middle), "{:.0f}"),
         all_readable(100 * over_poses(health.offset, middle), "{:+z.2f}"),
@@ -168,6 +188,16 @@ def _channels(survey: Survey, health: Health) -> list[tuple[str, list[str]]]:
         (state, [str(place), verdict, *cells])
         for place, ((state, verdict), *cells) in enumerate(rows, start=1)
     ]
+
+
+def _sign(gain: Array) -> str:
+    """Return the sign of a microphone's direct path in P recordings, both if it turns."""
+    known = gain[np.isfinite(gain)]
+    if not len(known):
+        return UNKNOWN
+    share = float(np.mean(known < 0))
+    # Noise may turn that of a single recording.
+    return "+" if share < TURNED else "-" if share > 1 - TURNED else "+/-"
 
 
 def _verdict(health: Health, microphone: int) -> tuple[str, str]:
@@ -183,6 +213,9 @@ def _verdict(health: Health, microphone: int) -> tuple[str, str]:
         done.append("offset")
     return ("told", f"mended: {', '.join(done)}") if done else ("fine", FINE)
 
+
+TURNED = 0.2
+"""Share of recordings in which a sign is the other from which a microphone has both."""
 
 UNKNOWN = "?"
 """What is shown where something cannot be measured."""

@@ -12,10 +12,12 @@ from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
 from echolearn.checks import BadValue, check, check_name, check_number
+from echolearn.localization.silence import SilentMicrophone
 from echolearn.mapping.accuracy import accuracy_of
 from echolearn.mapping.files import grid, ply, svg, table
 from echolearn.mapping.mapped_walk import MappedWalk
@@ -192,7 +194,10 @@ def score_survey(scorer: Scorer, walk: Survey, *, resolution: float = 0.05) -> M
     for block in track(blocks(walk), f"map {walk.folder.name}", unit="blocks"):
         try:
             poses = [walk.poses[pose] for pose in block]
-            scored.append(scorer.score(walk.observe(block), poses))
+            # A microphone that is silent has been refused, or left out by whoever maps.
+            with catch_warnings():
+                simplefilter("ignore", SilentMicrophone)
+                scored.append(scorer.score(walk.observe(block), poses))
         except BadValue as error:
             raise _blame(error, scorer, walk=walk, block=block) from None
     return MappedWalk(

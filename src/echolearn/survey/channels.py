@@ -159,7 +159,7 @@ def _lost(walk: Walk, found: Verdicts) -> None:
     if still.any():
         line = (
             f"lost samples={still.max()} equal ones in a row at {_where(walk, still > 0)}: must "
-            "be sound; did the recorder drop a buffer?"
+            "be sound; did the recorder drop a buffer, or does a noise gate cut what is soft?"
         )
         found.refuse(still.any(axis=0), "samples lost", line=line)
     repeated = np.asarray(walk.levels.repeated)

@@ -83,11 +83,30 @@ def inconsistency(heard: Heard) -> str:
     counts = {reading: come_true(heard, reading) for reading in _readings()}
     best = max(counts, key=lambda reading: int(counts[reading].max()))
     most = int(counts[best].max())
-    if most < FEWEST or most - usual < SURE * np.sqrt(most):
+    if len(heard.headings) > 1 and not np.ptp(heard.headings):
+        ahead = int(come_true(_looking_ahead(heard), AS_IT_IS)[0])
+        if ahead > most and _clearly(ahead, usual):
+            return (
+                f"heading_rad={heard.headings[0]:.3g} at every pose, where {usual} echoes of walls "
+                f"move as the poses do, and {ahead} would if the robot looked where it drives: is "
+                "it filled in?"
+            )
+    if not _clearly(most, usual):
         return ""
     phi = wrap(2 * np.pi * int(counts[best].argmax()) / PHASES)
     echoes = f"{usual} echoes of walls move as the poses do, and {most} would"
     return f"{echoes}{_told(best._replace(phi=float(phi)))}"
+
+
+def _clearly(most: int, usual: int) -> bool:
+    """Tell whether so many echoes come true, and so many more than as the survey has it."""
+    return most >= FEWEST and most - usual >= SURE * np.sqrt(most)
+
+
+def _looking_ahead(heard: Heard) -> Heard:
+    """Return what is heard by a robot that looks where it drives."""
+    x, y = np.gradient(heard.places, axis=0).T
+    return heard._replace(headings=np.arctan2(y, x))
 
 
 def _readings() -> Iterator[Reading]:

@@ -58,6 +58,8 @@ def remove(samples: Array, arrived: Array, *, gain: Array | None = None) -> Arra
         gain: shape (M,); None fits one to each recording and microphone.
     """
     if gain is None:
-        gain = np.sum(samples * arrived, axis=-1) / np.sum(arrived**2, axis=-1)
+        # A microphone that is left out may hold nothing at all.
+        energy = np.maximum(np.sum(arrived**2, axis=-1), 1e-300)
+        gain = np.sum(samples * arrived, axis=-1) / energy
     without: Array = samples - gain[..., None] * arrived
     return without

@@ -15,8 +15,8 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.survey import hidden, levels, naming, played, removal, time_zero
-from echolearn.survey.arrivals import arrivals
 from echolearn.survey.audio import undecided_words
+from echolearn.survey.calibrated import Calibrated, agreed, examine_calibration
 from echolearn.survey.channels import judge_channels
 from echolearn.survey.consistency import Heard, inconsistency
 from echolearn.survey.containers import Containers, container_lines, numbers_of
@@ -25,8 +25,8 @@ from echolearn.survey.health import Health
 from echolearn.survey.measuring import Walk, decibels, measure_walk
 from echolearn.survey.mending import Mending
 from echolearn.survey.signs import turning_point, wiring_signs
-from echolearn.survey.survey import CALIBRATION, NOISE, Survey
-from echolearn.survey.time_zero import Direct, TimeZero
+from echolearn.survey.survey import NOISE, Survey
+from echolearn.survey.time_zero import TimeZero
 
 FAINT = 0.05
 """Power over the noise's below which it is not measurable: stretches of noise differ by as much."""
@@ -37,9 +37,6 @@ CLEAR = 10.0
 SOME = 0.2
 FEWEST = 5
 """Share and number of negative echoes that are told; of sound walks there is none."""
-
-DIRECT_SHARE = 0.01
-"""Share of a calibration's energy that is the direct path, at least; of noise some thousandths."""
 
 
 def examine(survey: Survey) -> Health:
@@ -52,9 +49,9 @@ def examine(survey: Survey) -> Health:
     walk = measure_walk(survey)
     verdicts = judge_channels(walk)
     zero = _zero(walk, verdicts.alive)
-    begun = _calibration(walk, verdicts.alive)
-    verdicts.refused += (*zero.refused, *begun.refused)
-    mending = _mending(walk, zero, used=verdicts.alive, calibration=float(begun.late[0]))
+    calibrated = examine_calibration(walk, verdicts.alive)
+    verdicts.refused += (*zero.refused, *calibrated.refused)
+    mending = _mending(walk, zero, used=verdicts.alive, calibrated=calibrated)
     sound = replace(survey, mending=mending)
     removed = removal.removed_db(sound, walk.direct.noise)
     signs = walk.echo.sign * mending.sign * verdicts.alive
@@ -76,7 +73,7 @@ def examine(survey: Survey) -> Health:
         removed_db=removed,
         clock_drift_ppm=_drift(walk.echo),
         verdicts=tuple(verdicts.words),
-        mended=(*_told(mending, walk, zero=zero), *_played(sound)),
+        mended=(*_told(mending, walk, zero=zero, calibrated=calibrated), *_played(sound)),
         noticed=(
             *verdicts.noticed,
             *zero.noticed,
@@ -103,50 +100,23 @@ def _zero(walk: Walk, used: Array) -> TimeZero:
     """Return when the recordings begin, by the microphones that are used, shape (M,), bool."""
     if not walk.survey.direct:
         return TimeZero(time_zero.TRUST, np.zeros(len(walk.noise)))
-    return _agreed(walk.survey, walk.direct, numbers=walk.numbers, used=used)
+    return agreed(walk.survey, walk.direct, numbers=walk.numbers, used=used)
 
 
-def _calibration(walk: Walk, used: Array) -> TimeZero:
-    """Return when `calibration.wav` begins; in time if there is none."""
-    survey = walk.survey
-    if "calibration" not in (survey.direct, survey.played):
-        return TimeZero("", np.zeros(1))
-    lags = time_zero.expected(survey.array, survey.probe, speed_of_sound=survey.speed_of_sound)
-    found = time_zero.direct_path_of(arrivals(survey.calibration, survey.probe), lags)
-    share = found.height**2 / np.sum(survey.calibration**2, axis=-1)
-    if np.mean(share[used] >= DIRECT_SHARE) <= 0.5:
-        faint = "must hold it alone, at each microphone; was the probe played, and in the open?"
-        return TimeZero("", np.zeros(1), (f"direct path in {CALIBRATION}=not seen: {faint}",))
-    # A single recording, with the same proof that all microphones began together.
-    alone = Direct(*(each[None] for each in found))
-    return _agreed(survey, alone, numbers=(CALIBRATION,), used=used)
-
-
-def _agreed(survey: Survey, direct: Direct, *, numbers: Sequence[object], used: Array) -> TimeZero:
-    """Return what direct paths, fields (P, M), say together; see `time_zero_of`."""
-    return time_zero.time_zero_of(
-        direct,
-        numbers=numbers,
-        used=used,
-        sample_rate=survey.probe.sample_rate,
-        speed=survey.speed_of_sound,
-        positions=survey.array.positions if survey.loudspeakers is None else None,
-        mapped=survey.mapped,
-    )
-
-
-def _mending(walk: Walk, zero: TimeZero, *, used: Array, calibration: float) -> Mending:
+def _mending(walk: Walk, zero: TimeZero, *, used: Array, calibrated: Calibrated) -> Mending:
     """Return what is to be mended.
 
     Args:
         walk: what was measured.
         zero: when the recordings begin.
         used: microphones that tell something, shape (M,), bool; what a dead one says is chance.
-        calibration: samples that `calibration.wav` is late.
+        calibrated: what `calibration.wav` says.
     """
     return Mending(
         latency=zero.late,
-        calibration=calibration,
+        calibration=calibrated.late,
+        calibration_offset=calibrated.offset,
+        calibration_tones=calibrated.tones,
         sign=np.where(used, wiring_signs(walk.direct, walk.echo.sign), 1.0),
         offset=levels.steady(walk.levels) & used,
         tones=levels.humming(walk.tones, walk.levels),
@@ -223,16 +193,20 @@ def _drift(echo: Echo) -> float:
     return float(1e6 * np.median(drift[clear])) if clear.any() else float("nan")
 
 
-def _told(mending: Mending, walk: Walk, *, zero: TimeZero) -> list[str]:
-    """Return a line for everything that is mended."""
+def _told(mending: Mending, walk: Walk, *, zero: TimeZero, calibrated: Calibrated) -> list[str]:
+    """Return a line for everything that is mended.
+
+    Args:
+        mending: what is done.
+        walk: what was measured.
+        zero: when recordings begin.
+        calibrated: what `calibration.wav` says.
+    """
     numbers = walk.numbers
     lines = container_lines(walk.survey.containers)
     if mending.latency.any():
         lines.append(f"{zero.line}; taken off")
-    if mending.calibration:
-        begun = "late" if mending.calibration > 0 else "early"
-        lag = abs(mending.calibration)
-        lines.append(f"calibration.wav begins {lag:.1f} samples {begun}; taken off")
+    lines += calibrated.mended
     wired = mending.sign < 0
     if wired.any():
         which = naming.microphones(wired.any(axis=0))

@@ -19,6 +19,11 @@ OFTEN = 0.9
 CHANGED_DB = 12.0
 """dB by which a microphone's level, over that of the others, may change on the way."""
 
+UNLIKE_DB = 30.0
+FEW = 4
+"""dB by which a recording's level differs from the others' if it is told, and recordings of which
+that can be said."""
+
 WIDE = 5.0
 LARGE = 200.0
 """m that no robot, and no room, is wide."""
@@ -38,7 +43,13 @@ def hidden_lines(walk: Walk, alive: Array) -> list[str]:
         walk: what was measured.
         alive: microphones that hear a room, shape (M,), bool.
     """
-    return [*_present(walk, alive), *_unsteady(walk, alive), *_wide(walk), *_still(walk)]
+    return [
+        *_present(walk, alive),
+        *_unsteady(walk, alive),
+        *_unlike(walk, alive),
+        *_wide(walk),
+        *_still(walk),
+    ]
 
 
 def _present(walk: Walk, alive: Array) -> list[str]:
@@ -81,6 +92,23 @@ def _unsteady(walk: Walk, alive: Array) -> list[str]:
     return [
         f"the level of {naming.microphones(which)} changes by {most:+.0f} dB against the others on "
         "the way: was a gain turned, or is a plug loose?"
+    ]
+
+
+def _unlike(walk: Walk, alive: Array) -> list[str]:
+    """Return the line on recordings whose level is not that of the others."""
+    if len(walk.numbers) < FEW or not alive.any():
+        return []
+    level = np.median(walk.level_db[:, alive], axis=1)
+    above = level - np.median(level)
+    which = np.abs(above) > UNLIKE_DB
+    if not which.any():
+        return []
+    most = float(above[which][np.abs(above[which]).argmax()])
+    side, hint = ("above", "") if most > 0 else ("below", " was the probe played,")
+    return [
+        f"the level of {naming.recordings(walk.numbers, which)} is {abs(most):.0f} dB {side} the "
+        f"others':{hint} is it stored in another way, or was a gain turned?"
     ]
 
 

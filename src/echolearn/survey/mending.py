@@ -24,6 +24,8 @@ class Mending:
         sign: -1 where a microphone is wired the other way, else 1, shape (P, M).
         offset: whether a recording has an offset at a microphone, shape (P, M), bool.
         tones: frequencies of the mains in each recording, in cycles per sample; () if none.
+        calibration_offset: whether `calibration.wav` has an offset, shape (M,), bool.
+        calibration_tones: frequencies of the mains in it.
     """
 
     latency: Array
@@ -31,12 +33,16 @@ class Mending:
     sign: Array
     offset: Array
     tones: tuple[tuple[float, ...], ...]
+    calibration_offset: Array
+    calibration_tones: tuple[float, ...] = ()
 
     @property
     def nothing(self) -> bool:
         """Whether there is nothing to mend."""
-        moved = self.latency.any() or self.calibration or self.offset.any() or any(self.tones)
-        return not (moved or (self.sign < 0).any())
+        moved = self.latency.any() or self.calibration
+        steady = self.offset.any() or any(self.tones)
+        beside = self.calibration_offset.any() or self.calibration_tones
+        return not (moved or steady or beside or (self.sign < 0).any())
 
     def __call__(self, samples: Array, pose: int) -> Array:
         """Return the recording of a pose, samples (M, N), as it should have been."""

@@ -21,7 +21,7 @@ from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Probe,
 from echolearn.checks import check
 from echolearn.survey import audio, direct_path, early, played
 from echolearn.survey.containers import Containers
-from echolearn.survey.mending import Mending, taken_off
+from echolearn.survey.mending import Mending, steadied, taken_off
 
 NOISE = "noise.wav"
 CALIBRATION = "calibration.wav"
@@ -229,11 +229,10 @@ class Survey:
         return direct_path.delayed(self.probe, self.array, speed_of_sound=self.speed_of_sound)
 
     @cached_property
-    def calibration(self) -> Array:
-        """The direct path as it was recorded alone, shape (M, N)."""
-        length = self.probe.length
-        samples = self._read_beside(CALIBRATION)[:, :length]
-        silent = np.flatnonzero(~samples.any(axis=1)) + 1
+    def calibration_recorded(self) -> Array:
+        """The direct path alone as it was recorded, shape (M, K), at most as long as the walk's."""
+        samples = self._read_beside(CALIBRATION)[:, : self.probe.length]
+        silent = np.flatnonzero(~samples.any(axis=1) & self.used) + 1
         check(
             not len(silent),
             f"{self.folder / CALIBRATION} channels",
@@ -241,8 +240,17 @@ class Survey:
             allowed="must hold the direct path in each",
             hint="a deaf microphone?",
         )
-        whole = np.pad(samples, ((0, 0), (0, length - samples.shape[1])))
-        late = self.mending.calibration if self.mending else 0.0
+        return samples
+
+    @cached_property
+    def calibration(self) -> Array:
+        """The direct path alone, mended, shape (M, N)."""
+        samples = self.calibration_recorded
+        mending = self.mending
+        if mending and (mending.calibration_offset.any() or mending.calibration_tones):
+            samples = steadied(samples, mending.calibration_offset, tones=mending.calibration_tones)
+        whole = np.pad(samples, ((0, 0), (0, self.probe.length - samples.shape[1])))
+        late = mending.calibration if mending else 0.0
         return taken_off(whole, late) if late else whole
 
     @cached_property

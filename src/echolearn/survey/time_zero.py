@@ -278,7 +278,8 @@ def _disagree(
         return (
             f"direct path at {naming.microphones(which)}=none where geometry puts it in "
             f"{naming.recordings(numbers, wrong.any(axis=-1))}: must be there where direct_path is "
-            "present; is it removed already, or are loudspeaker and microphones elsewhere?"
+            "present; is it removed already, are loudspeaker and microphones elsewhere, or are the "
+            "sample rates of player and recorder not the same?"
         )
     most = float(off[wrong][np.abs(off[wrong]).argmax()])
     place = naming.recordings(numbers, wrong.any(axis=-1))
