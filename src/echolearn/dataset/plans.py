@@ -1,7 +1,8 @@
 """Plans: where the robot stands for each row of a set, how loud the noise is, what it carries.
 
-A plan has `name`, `seed`, `role`, `window`, `scene`, `localizer`, `shard_rows`, `realism`, `boxes`,
-`most_echoes`, a length and `spot(row, rng)`. `GridPlan` is the paper's regular grid;
+A plan has `name`, `seed`, `role`, `window`, `scene`, `localizer`, `shard_rows`, `realism`,
+`further`, `matched_filters`, `boxes`, `most_echoes`, a length and `spot(row, rng)`. `GridPlan` is
+the paper's regular grid;
 `ScatteredPlan` draws rooms, positions, reverberation, noise and gain at random. On a 0.5 m grid
 only three wall distances ever fall into the search window, so a classifier can memorise times of
 arrival instead of judging echoes; scattered positions leave nothing to memorise.
