@@ -72,9 +72,9 @@ def _fma(_: Any, numbers: Any) -> Any:
             builder: place where they are written.
             arguments: values of the call.
         """
-        return builder.fma(*cgutils.unpack_tuple(builder, arguments[0]))
+        return builder.fma(*cgutils.unpack_tuple(builder, arguments[0]))  # type: ignore[no-untyped-call]
 
-    return types.float32(types.UniTuple(types.float32, 3)), generate
+    return types.float32(types.UniTuple(types.float32, 3)), generate  # type: ignore[no-untyped-call]
 
 
 @njit(error_model="numpy", nogil=True)
