@@ -72,9 +72,11 @@ def _fma(_: Any, numbers: Any) -> Any:
             builder: place where they are written.
             arguments: values of the call.
         """
-        return builder.fma(*cgutils.unpack_tuple(builder, arguments[0]))  # type: ignore[no-untyped-call]
+        values = cgutils.unpack_tuple(builder, arguments[0])  # type: ignore[no-untyped-call]
+        return builder.fma(*values)
 
-    return types.float32(types.UniTuple(types.float32, 3)), generate  # type: ignore[no-untyped-call]
+    triple = types.UniTuple(types.float32, 3)  # type: ignore[no-untyped-call]
+    return types.float32(triple), generate
 
 
 @njit(error_model="numpy", nogil=True)
