@@ -433,8 +433,10 @@ def test_rows_without_a_cell_are_no_poses(folder, empty):
     assert reader.read_survey(folder).numbers == (0, 1)
 
 
-@pytest.mark.parametrize("text", ["3.43e2", "3.43E+2", "343e0", "+3430e-1", ".343e3", "343.e0"])
-def test_exponents_are_numbers(folder, text):
+@pytest.mark.parametrize(
+    "text", ["3.43e2", "3.43E+2", "343e0", "+3430e-1", ".343e3", "343.e0", "0343"]
+)
+def test_exponents_and_leading_zeros_are_numbers(folder, text):
     path = folder / "survey.yaml"
     path.write_text(re.sub("(?<=speed_of_sound: ).*", text, path.read_text()))
     path.write_text(path.read_text().replace("- - 0.2\n", "- - 2e-1\n"))

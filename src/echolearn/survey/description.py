@@ -42,13 +42,17 @@ UNKNOWN = "leave it out where it is not known"
 
 
 class Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """Reads 1e3 as a number, as YAML 1.2 does; PyYAML's own would have it text."""
+    """Reads 1e3 and 022050 as numbers of base ten, as YAML 1.2 does; PyYAML's own do not."""
 
 
 Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+\Z"),
     list("-+.0123456789"),
+)
+# Before PyYAML's own, which reads a leading zero as base eight.
+Loader.yaml_implicit_resolvers["0"].insert(
+    0, ("tag:yaml.org,2002:float", re.compile(r"0[0-9_]+\Z"))
 )
 
 
