@@ -131,3 +131,18 @@ def test_a_presence_lasts_as_long_as_its_process(tmp_path):
     [mark] = place.iterdir()
     clean(place)
     assert not mark.exists()
+
+
+def test_a_lock_left_beside_what_is_finished_goes_and_a_held_one_stays(tmp_path):
+    folder = tmp_path / "thing [1]"
+    folder.mkdir()
+    left, others = tmp_path / ".thing [1].lock", tmp_path / ".thing 1.lock"
+    for lock in (left, others):
+        lock.touch()
+
+    def take():
+        return once(folder, finished=lambda: "made", make=lambda: "again", doing="makes it")
+
+    assert take() == "made" and not left.exists() and others.exists()
+    with locked(folder):
+        assert take() == "made" and left.exists()

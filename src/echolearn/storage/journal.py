@@ -43,7 +43,8 @@ def make_missing(
     # Made before any is written: what cannot be made leaves nothing.
     content = None if manifests.is_whole(folder / first, there.get(first)) else make()
 
-    for place in {folder, *((folder / name).parent for name in there)}:
+    # Also where nothing was finished: the first file of a folder in it may have been cut short.
+    for place in (folder, *(path for path in folder.rglob("*") if path.is_dir())):
         files.clean(place)
     files.save_json(folder / begun, about)
     lines = [digest(about), *(json.dumps({name: entry}) for name, entry in there.items())]

@@ -15,12 +15,13 @@ import secrets
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from glob import escape
 from pathlib import Path
 from typing import TypeVar
 
 from filelock import FileLock, Timeout
 
-from echolearn.storage.files import unwritable
+from echolearn.storage.files import clean, unwritable
 
 T = TypeVar("T")
 
@@ -40,11 +41,19 @@ def once(folder: Path, *, finished: Callable[[], T | None], make: Callable[[], T
     """
     found = finished()
     if found is not None:
+        # Whoever made it may have been killed between its last word and the end of its lock.
+        if lock_of(folder).exists():
+            clean(folder.parent, escape(folder.name))
         return found
 
     with locked(folder, waiting=f"{folder.name}: waiting for another command that {doing}"):
         found = finished()
         return make() if found is None else found
+
+
+def lock_of(path: Path) -> Path:
+    """Return the file by which a path is locked."""
+    return Path(path).parent / f".{Path(path).name}.lock"
 
 
 @contextmanager
@@ -61,7 +70,7 @@ def locked(path: Path, *, waiting: str = "") -> Iterator[Path]:
     Raises:
         BadValue: the folder beside the path cannot be written.
     """
-    file = Path(path).parent / f".{Path(path).name}.lock"
+    file = lock_of(path)
     # A disk without locks is an error: a file that merely exists would outlive a killed holder.
     lock = FileLock(file, fallback_to_soft=False)
     try:
