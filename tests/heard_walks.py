@@ -3,7 +3,7 @@
 import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow, circular_array
-from echolearn.walls.walk import Walk, lags_needed
+from echolearn.walls.walk import HeardWalk, lags_needed
 
 RATE, SPEED = 22050.0, 343.0
 RING = circular_array()
@@ -15,7 +15,7 @@ def heard(lines, poses, *, amplitude=2.0, window=WINDOW, array=RING, seed=0, tol
 
     A line is heard between its ends, in m along its tangent; `told` are the poses of an odometry.
     """
-    first, last = lags_needed(window, array, RATE, speed_of_sound=SPEED)
+    first, last = lags_needed(window, array, sample_rate=RATE, speed_of_sound=SPEED)
     rng = np.random.default_rng(seed)
     outputs = rng.standard_normal((len(poses), len(array), last - first + 1))
     for pose, (x, y, heading) in enumerate(poses):
@@ -31,7 +31,7 @@ def heard(lines, poses, *, amplitude=2.0, window=WINDOW, array=RING, seed=0, tol
                 way = np.linalg.norm(2.0 * away * np.append(normal, 0.0) - place)
                 lags = np.arange(first, last + 1) - way * RATE / SPEED
                 outputs[pose, number] += amplitude * np.sinc(lags)
-    return Walk(outputs, np.array(poses if told is None else told), window, array, RATE, SPEED)
+    return HeardWalk(outputs, np.array(poses if told is None else told), window, array, RATE, SPEED)
 
 
 def wandering(count, *, low=(0.0, 0.0), high=(4.0, 3.0), seed=1):

@@ -61,11 +61,18 @@ def series(walk):
     return lambda pose, azimuth, distance: at(pose, azimuth, distance) / scale[pose]
 
 
+@pytest.fixture(scope="module")
+def exactly(few):
+    """Return H and N of the literal loop over Fourier series."""
+    walk, grid = few
+    return literal(walk, grid, series(walk))
+
+
 @pytest.mark.parametrize("compiled", [True, False])
-def test_exact_evidence_is_within_a_thousandth_of_the_literal_loop(few, compiled):
+def test_exact_evidence_is_within_a_thousandth_of_the_literal_loop(few, exactly, compiled):
     walk, grid = few
     found = exact_evidence(walk, grid, compiled=compiled)
-    values, counts = literal(walk, grid, series(walk))
+    values, counts = exactly
     assert np.array_equal(found.counts, counts) and counts.max() == 4
     assert np.abs(found.values - values).max() <= 1e-3 * values.max()
 
@@ -80,7 +87,7 @@ def test_tabled_evidence_is_what_each_pose_has_nearest(few, compiled):
         return z[pose, turn.argmin(), np.abs(walk.distances - distance).argmin()]
 
     values, counts = literal(walk, grid, nearest)
-    found = summed(walk, grid, z, compiled=compiled)
+    found = summed(walk, grid, z=z, compiled=compiled)
     assert np.array_equal(found.counts, counts)
     # Where two entries are equally near, rounding may take the other one.
     assert (np.abs(found.values - values) < 1e-4).mean() > 0.99

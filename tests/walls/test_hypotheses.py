@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from echolearn.walls.evidence import Evidence, Grid
-from echolearn.walls.hypotheses import Hypotheses, highest, hypotheses, uncrossed
+from echolearn.walls.hypotheses import Hypotheses, highest_peaks, hypotheses, uncrossed
 from heard_walks import heard, wandering
 
 BOX = [
@@ -68,7 +68,7 @@ def test_each_map_counts_in_units_of_its_own_noise():
     first[30, 50] = 3.0
     second[90, 120] = 2.0
     maps = [Evidence(grid, each, np.full((120, 200), 9)) for each in (first, 1000.0 * second)]
-    found = highest(maps, count=5)
+    found = highest_peaks(maps, count=5)
     assert found.theta[:2] == pytest.approx(grid.theta[[30, 90]])
     assert found.rho[:2] == pytest.approx(grid.rho[[50, 120]])
     assert found.strength[:2] == pytest.approx([3.0, 2.0], rel=0.1)
@@ -80,7 +80,7 @@ def test_lines_that_few_poses_have_in_their_window_are_none():
     values[30, 50] = 9.0
     counts = np.full((120, 200), 9)
     counts[30, 50] = 3
-    assert highest([Evidence(grid, values, counts)], count=1).strength[0] < 2.0
+    assert highest_peaks([Evidence(grid, values, counts)], count=1).strength[0] < 2.0
 
 
 def test_silence_speaks_for_nothing():

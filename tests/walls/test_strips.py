@@ -12,7 +12,7 @@ from echolearn.walls.strips import (
     sound_columns,
     strips,
 )
-from echolearn.walls.walk import Walk
+from echolearn.walls.walk import HeardWalk
 from heard_walks import RATE, heard, wandering
 
 WALL = (0.0, 4.8, -9.0, 9.0)
@@ -59,7 +59,7 @@ def test_noise_fills_what_is_unknown_with_values_of_the_same_pose(walk):
 
 
 def test_columns_of_sound_tell_a_wall_from_nothing(walk):
-    table = sound_columns(walk, LINES, strips(walk, LINES))
+    table = sound_columns(walk, LINES, cut=strips(walk, LINES))
     assert table.shape == (2, len(SOUND)) and np.isfinite(table).all()
     wall, nothing = (dict(zip(SOUND, row, strict=True)) for row in table)
     lower = {"profile_offset"}
@@ -72,8 +72,8 @@ def test_columns_of_sound_tell_a_wall_from_nothing(walk):
 
 def test_columns_of_geometry_hear_nothing(walk):
     noise = np.random.default_rng(9).standard_normal(walk.outputs.shape)
-    other = Walk(noise, walk.poses, walk.window, walk.array, RATE)
-    tables = [geometry_columns(each, LINES, strips(each, LINES)) for each in (walk, other)]
+    other = HeardWalk(noise, walk.poses, walk.window, walk.array, RATE)
+    tables = [geometry_columns(each, LINES, cut=strips(each, LINES)) for each in (walk, other)]
     assert np.array_equal(*tables)
 
 
@@ -81,7 +81,7 @@ def test_columns_of_geometry_by_hand():
     poses = np.array([[0.0, 0.0, 0.1], [0.0, 0.4, 0.2], [0.5, 1.0, 0.3], [9.0, 2.0, 0.4]])
     walk = heard([], poses)
     lines = Hypotheses(np.zeros(1), np.array([1.7]), np.ones(1))
-    row = geometry_columns(walk, lines, strips(walk, lines, reach=0))[0]
+    row = geometry_columns(walk, lines, cut=strips(walk, lines, reach=0))[0]
     found = dict(zip(GEOMETRY, row.tolist(), strict=True))
     mean = 4.6 / 3
     deviation = np.sqrt((2 * (1.7 - mean) ** 2 + (1.2 - mean) ** 2) / 3)

@@ -7,7 +7,7 @@ import pytest
 
 from echolearn.walls.hypotheses import Hypotheses
 from echolearn.walls.strips import strips
-from echolearn.walls.track import WANDER, lag_track, track
+from echolearn.walls.track import WANDER, follow, lag_track
 from heard_walks import heard, wandering
 
 
@@ -30,7 +30,7 @@ def test_a_wall_is_found_where_it_is_as_far_as_it_reaches():
     poses = wandering(80, low=(3.0, -2.0), high=(3.6, 4.0))
     walk = heard([(0.0, 4.8, -9.0, 2.0)], poses, amplitude=3.0)
     lines = Hypotheses(np.array([np.deg2rad(0.3)]), np.array([4.81]), np.ones(1))
-    found = track(walk, lines, strips(walk, lines), number=0)
+    found = follow(walk, lines, cut=strips(walk, lines), number=0)
 
     assert found.line.normal == pytest.approx(0.0, abs=np.deg2rad(0.15))
     assert found.line.offset == pytest.approx(4.8, abs=0.005)
@@ -48,7 +48,7 @@ def test_the_track_follows_the_odometry():
     told = poses + np.where(np.arange(40)[:, None] < 20, 0.0, [0.02, 0.0, 0.0])
     walk = heard([(0.0, 4.8, -9.0, 9.0)], poses, amplitude=5.0, told=told)
     lines = Hypotheses(np.zeros(1), np.array([4.8]), np.ones(1))
-    found = track(walk, lines, strips(walk, lines), number=0)
+    found = follow(walk, lines, cut=strips(walk, lines), number=0)
     assert np.abs(found.lags[:18]).max() <= 1
     assert walk.step * np.median(found.lags[22:]) == pytest.approx(0.02, abs=walk.step)
 
@@ -56,7 +56,7 @@ def test_the_track_follows_the_odometry():
 def test_what_nobody_heard_keeps_its_line_and_is_not_called_certain():
     walk = heard([], wandering(30, low=(3.0, 0.0), high=(3.6, 3.0)))
     lines = Hypotheses(np.zeros(1), np.array([4.8]), np.ones(1))
-    found = track(walk, lines, strips(walk, lines), number=0)
+    found = follow(walk, lines, cut=strips(walk, lines), number=0)
     assert found.heard.sum() < 4
     assert (found.line.normal, found.line.offset) == pytest.approx((0.0, 4.8), abs=1e-9)
     assert np.isnan([found.line.normal_sd, found.line.offset_sd]).all()

@@ -5,7 +5,7 @@ import pytest
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import MicArray
-from echolearn.walls.walk import Walk, lags_needed
+from echolearn.walls.walk import HeardWalk, lags_needed
 from heard_walks import RATE, RING, SPEED, heard, wandering
 from refusals import refused
 
@@ -46,7 +46,7 @@ def test_responses_are_the_sums_over_microphones_at_exact_times(array):
 def test_each_pose_has_its_own_scale():
     walk = heard([], wandering(3), window=NARROW)
     assert np.square(walk.responses).mean(axis=(1, 2)) == pytest.approx([1.0] * 3, rel=1e-5)
-    louder = Walk(walk.outputs * [[[1.0]], [[50.0]], [[0.0]]], *list(vars(walk).values())[1:6])
+    louder = HeardWalk(walk.outputs * [[[1.0]], [[50.0]], [[0.0]]], *list(vars(walk).values())[1:6])
     assert np.allclose(louder.responses[1], walk.responses[1], atol=1e-4)
     assert not louder.responses[2].any()
 
@@ -69,7 +69,7 @@ def test_lines_are_seen_at_their_distance():
 
 
 def test_no_microphone_reads_beyond_the_lags_that_are_kept():
-    first, last = lags_needed(NARROW, ODD, RATE, speed_of_sound=SPEED)
+    first, last = lags_needed(NARROW, ODD, sample_rate=RATE, speed_of_sound=SPEED)
     away = np.linalg.norm(ODD.positions, axis=1)
     assert first <= ((2.0 - away) / SPEED * RATE).min() - 1
     assert last >= ((2.5 + away) / SPEED * RATE).max() + 1
@@ -80,4 +80,4 @@ def test_a_walk_that_does_not_fit_together_is_refused(name, value):
     walk = heard([], wandering(1), window=NARROW)
     fields = {key: vars(walk)[key] for key in ("outputs", "poses", "window", "array")}
     with refused(f"walk.{name}="):
-        Walk(**fields | {name: np.array(value)}, sample_rate=RATE)
+        HeardWalk(**fields | {name: np.array(value)}, sample_rate=RATE)

@@ -4,7 +4,8 @@
 
 Row i of a set depends on `SeedSequence(plan.seed, spawn_key=(i,))` alone, and shards are always
 computed whole and with one thread, so the bytes are the same for any engine, any number of workers
-and any interruption. A shard is one structured array, a record per echo.
+and any interruption. A shard is one structured array, a record per echo, or per walk where the plan
+is of walks.
 """
 
 import json
@@ -14,13 +15,16 @@ from contextlib import closing
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from echolearn.checks import check
 from echolearn.dataset.labelled_set import FORMAT
-from echolearn.dataset.plans import Plan
 from echolearn.dataset.records import records
+from echolearn.dataset.walk_plan import AnyPlan, WalkPlan
+from echolearn.dataset.walk_records import walk_records
+from echolearn.dataset.walk_set import KIND as WALKS
 from echolearn.localization.localizer import returned
 from echolearn.runtime.engine import Engine
 from echolearn.runtime.progress import track
@@ -42,7 +46,7 @@ PATIENCE = 60.0
 SHARED = "a folder that all workers see and write to at the same path; some worker does not"
 
 
-def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = None) -> Path:
+def generate(plan: AnyPlan, *, runs: Path, engine: Engine, command: str | None = None) -> Path:
     """Make the set of a plan; finished shards are kept, a finished set is skipped.
 
     Args:
@@ -84,25 +88,35 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
         _await([manifests.sidecar(folder / manifests.shard_name(shard)) for shard in missing])
 
     if missing or not manifests.is_finished(folder):
-        rows = len(plan) * returned(plan.localizer)
-        about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
-        about["microphones"] = plan.scene.array.positions.tolist()
-        names = map(manifests.shard_name, range(count))
-        manifests.finish(folder, about | manifests.command_entry(command), names)
+        about = _about(plan) | manifests.command_entry(command)
+        manifests.finish(folder, about, map(manifests.shard_name, range(count)))
     return folder
 
 
-def folder_of(plan: Plan, runs: Path) -> Path:
+def _about(plan: AnyPlan) -> dict[str, Any]:
+    """Return what the manifest of a set says of it."""
+    if isinstance(plan, WalkPlan):
+        kind, rows = WALKS, len(plan)
+    else:
+        kind, rows = "set", len(plan) * returned(plan.localizer)
+    about: dict[str, Any] = {"kind": kind, "format": FORMAT, "rows": rows, "plan": plain(plan)}
+    return about | {"microphones": plan.scene.array.positions.tolist()}
+
+
+def folder_of(plan: AnyPlan, runs: Path) -> Path:
     """Return the folder of a plan's set, named after the digest of the plan."""
     return Path(runs) / "data" / manifests.set_name({"format": FORMAT, "plan": plain(plan)})
 
 
-def _write(shard: int, *, plan: Plan, mark: Path) -> None:
+def _write(shard: int, *, plan: AnyPlan, mark: Path) -> None:
     """Write one shard beside the mark by which a worker knows the folder."""
     check(mark.is_file(), "runs", mark.parent, allowed=SHARED)
     rows = range(len(plan))[shard * plan.shard_rows :][: plan.shard_rows]
-    blocks = [records(plan, block) for block in row_blocks(rows)]
-    manifests.write_shard(mark.parent, shard, np.concatenate(blocks))
+    if isinstance(plan, WalkPlan):
+        table = walk_records(plan, rows)
+    else:
+        table = np.concatenate([records(plan, block) for block in row_blocks(rows)])
+    manifests.write_shard(mark.parent, shard, table)
 
 
 def row_blocks(rows: range) -> Iterator[range]:

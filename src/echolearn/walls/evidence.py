@@ -39,7 +39,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check_number, check_whole
-from echolearn.walls.walk import FINER, Walk
+from echolearn.walls.walk import FINER, HeardWalk
 
 SHARE = 0.9
 """Probability that a pose which has a wall in the window hears it."""
@@ -92,7 +92,7 @@ class Evidence:
     counts: Array
 
 
-def grid_of(walk: Walk, *, degrees: float = 0.5, step: float = 0.01) -> Grid:
+def grid_of(walk: HeardWalk, *, degrees: float = 0.5, step: float = 0.01) -> Grid:
     """Return a grid of all lines that some pose of a walk has in its window.
 
     Args:
@@ -103,6 +103,7 @@ def grid_of(walk: Walk, *, degrees: float = 0.5, step: float = 0.01) -> Grid:
     check_number("grid.degrees", degrees, low=0.05, high=30.0, unit="degrees")
     check_number("grid.step", step, low=0.001, high=0.2, unit="m")
     places = walk.poses[:, :2]
+    # Around the middle the grid is smallest, and a turn of a normal moves far lines least.
     middle = (places.min(axis=0) + places.max(axis=0)) / 2.0
     reach = float(np.linalg.norm(places - middle, axis=1).max()) + walk.window.farthest
     half = math.ceil(reach / step) + 1
@@ -110,7 +111,7 @@ def grid_of(walk: Walk, *, degrees: float = 0.5, step: float = 0.01) -> Grid:
     return Grid(round(360.0 / degrees), -half * step, step, 2 * half + 1, (x, y))
 
 
-def exact_evidence(walk: Walk, grid: Grid, *, compiled: bool = True) -> Evidence:
+def exact_evidence(walk: HeardWalk, grid: Grid, *, compiled: bool = True) -> Evidence:
     """Return H of poses that are taken to be exact.
 
     Args:
@@ -122,17 +123,20 @@ def exact_evidence(walk: Walk, grid: Grid, *, compiled: bool = True) -> Evidence
         directions = grid.theta[:, None] - walk.poses[:, 2]
         places = walk.scale * FINER, float(walk.first * FINER)
         filters = loops.Filters(walk.fine, directions, walk.array.positions, *places)
-        return _evidence(grid, *loops.sum_exact(filters, loops.Lines(*_lines(walk, grid))))
+        return _evidence(grid, loops.sum_exact(filters, loops.Lines(*_lines(walk, grid))))
 
     sums = np.zeros((grid.normals, grid.offsets))
     counts = np.zeros_like(sums)
+    # No line is twice among those of one pose, so that adding by index adds all.
     for pose, (cells, azimuth, distance) in enumerate(_lines_by_pose(walk, grid)):
         sums[cells] += walk.at(pose=np.array(pose), azimuth=azimuth, distance=distance)
         counts[cells] += 1
-    return _evidence(grid, sums, counts)
+    return _evidence(grid, (sums, counts))
 
 
-def forgiving_evidence(walk: Walk, grid: Grid, *, width: int, compiled: bool = True) -> Evidence:
+def forgiving_evidence(
+    walk: HeardWalk, grid: Grid, *, width: int, compiled: bool = True
+) -> Evidence:
     """Return H that forgives errors of the poses.
 
     Args:
@@ -141,10 +145,11 @@ def forgiving_evidence(walk: Walk, grid: Grid, *, width: int, compiled: bool = T
         width: w, lags within which an echo may be; 2 forgives 1.5 cm, 6 forgives 5 cm.
         compiled: whether to use numba where it is installed.
     """
-    return summed(walk, grid, forgiving(walk.responses, width=width), compiled=compiled)
+    z = forgiving(walk.responses, width=width)
+    return summed(walk, grid, z=z, compiled=compiled)
 
 
-def soft_evidence(walk: Walk, grid: Grid, *, blur: float, compiled: bool = True) -> Evidence:
+def soft_evidence(walk: HeardWalk, grid: Grid, *, blur: float, compiled: bool = True) -> Evidence:
     """Return H by the likelihood of an echo whose place is known up to a blur.
 
     Args:
@@ -154,12 +159,13 @@ def soft_evidence(walk: Walk, grid: Grid, *, blur: float, compiled: bool = True)
         compiled: whether to use numba where it is installed.
     """
     z = soft(walk.responses, blur=blur / walk.step)
-    return summed(walk, grid, z, compiled=compiled)
+    return summed(walk, grid, z=z, compiled=compiled)
 
 
 def forgiving(responses: Array, *, width: int) -> Array:
     """Return z_p,w of responses (P, A, D): the largest near each, standardised, float32."""
     check_whole("evidence.width", width, low=0, high=100, unit="lags")
+    # First along the distances, then across the circle of directions.
     near = maximum_filter1d(responses, 2 * width + 1, axis=2, mode="nearest")
     return _standardised(maximum_filter1d(near, 3, axis=1, mode="wrap"))
 
@@ -173,7 +179,7 @@ def soft(responses: Array, *, blur: float) -> Array:
     return _standardised(np.log(1.0 - SHARE + SHARE * likely))
 
 
-def summed(walk: Walk, grid: Grid, z: Array, *, compiled: bool = True) -> Evidence:
+def summed(walk: HeardWalk, grid: Grid, *, z: Array, compiled: bool = True) -> Evidence:
     """Return H of any z_p, read where it is tabled nearest to each line.
 
     Args:
@@ -187,7 +193,7 @@ def summed(walk: Walk, grid: Grid, z: Array, *, compiled: bool = True) -> Eviden
         directions = grid.theta[:, None] - walk.poses[:, 2] + np.pi
         rows = np.rint(directions * turn).astype(np.int64) % len(walk.azimuths)
         table = loops.Table(z, rows, walk.step)
-        return _evidence(grid, *loops.sum_tabled(table, loops.Lines(*_lines(walk, grid))))
+        return _evidence(grid, loops.sum_tabled(table, loops.Lines(*_lines(walk, grid))))
 
     sums = np.zeros((grid.normals, grid.offsets))
     counts = np.zeros_like(sums)
@@ -196,10 +202,10 @@ def summed(walk: Walk, grid: Grid, z: Array, *, compiled: bool = True) -> Eviden
         column = np.rint((distance - walk.window.nearest) / walk.step).astype(int)
         sums[cells] += table[row, np.minimum(column, table.shape[1] - 1)]
         counts[cells] += 1
-    return _evidence(grid, sums, counts)
+    return _evidence(grid, (sums, counts))
 
 
-def read(walk: Walk, z: Array, *, azimuth: Array, distance: Array) -> Array:
+def read_table(walk: HeardWalk, z: Array, *, azimuth: Array, distance: Array) -> Array:
     """Return z_p (P, A, D) where it is tabled nearest to directions and distances (..., P).
 
     Args:
@@ -213,7 +219,9 @@ def read(walk: Walk, z: Array, *, azimuth: Array, distance: Array) -> Array:
     return z[np.arange(len(z)), row, np.clip(column, 0, z.shape[2] - 1)]
 
 
-def _evidence(grid: Grid, sums: Array, counts: Array) -> Evidence:
+def _evidence(grid: Grid, summed_up: tuple[Array, Array]) -> Evidence:
+    """Return the evidence of sums over poses, and of how many there were."""
+    sums, counts = summed_up
     values = sums / np.sqrt(np.maximum(counts, 1))
     return Evidence(grid, values.astype(np.float32), counts.astype(np.int32))
 
@@ -225,19 +233,21 @@ def _standardised(z: Array) -> Array:
     return np.asarray(centred / np.where(deviation > 0, deviation, 1.0), np.float32)
 
 
-def _lines(walk: Walk, grid: Grid) -> tuple[Array, float, float, float, float, int]:
+def _lines(walk: HeardWalk, grid: Grid) -> tuple[Array, float, float, float, float, int]:
     """Return what the compiled loops want to know of the lines."""
     near, far = float(walk.window.nearest), float(walk.window.farthest)
     return _offsets(walk, grid), near, far, grid.low, grid.step, grid.offsets
 
 
-def _offsets(walk: Walk, grid: Grid) -> Array:
+def _offsets(walk: HeardWalk, grid: Grid) -> Array:
     """Return n . (x_p - origin), by which each pose is on its way to a line, shape (T, P), in m."""
     normals = np.stack([np.cos(grid.theta), np.sin(grid.theta)], axis=1)
     return normals @ (walk.poses[:, :2] - np.array(grid.origin)).T
 
 
-def _lines_by_pose(walk: Walk, grid: Grid) -> Iterator[tuple[tuple[Array, Array], Array, Array]]:
+def _lines_by_pose(
+    walk: HeardWalk, grid: Grid
+) -> Iterator[tuple[tuple[Array, Array], Array, Array]]:
     """Yield which cells each pose has in its window, and direction and distance it has them in."""
     rho = grid.rho
     near, far = walk.window.nearest, walk.window.farthest

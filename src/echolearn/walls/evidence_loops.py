@@ -65,15 +65,13 @@ class Table(NamedTuple):
 
 def sum_exact(filters: Filters, lines: Lines) -> tuple[Array, Array]:
     """Return the sums of J, and the numbers of poses in them, each (T, R)."""
-    sums, counts = np.zeros((2, len(lines.offsets), lines.total), np.float32)
-    _sum_exact(filters, lines, sums, counts)
+    sums, counts = _sum_exact(filters, lines)
     return sums, counts
 
 
 def sum_tabled(table: Table, lines: Lines) -> tuple[Array, Array]:
     """Return the sums of tabled z, and the numbers of poses in them, each (T, R)."""
-    sums, counts = np.zeros((2, len(lines.offsets), lines.total), np.float32)
-    _sum_tabled(table, lines, sums, counts)
+    sums, counts = _sum_tabled(table, lines)
     return sums, counts
 
 
@@ -88,8 +86,11 @@ def _stretch(lines: Any, along: Any) -> Any:
 
 
 @njit(error_model="numpy", nogil=True)
-def _sum_exact(filters: Any, lines: Any, sums: Any, counts: Any) -> None:
-    """Add the sums; see `sum_exact`."""
+def _sum_exact(filters: Any, lines: Any) -> Any:
+    """Return the sums; see `sum_exact`."""
+    sums = np.zeros((len(lines.offsets), lines.total), np.float32)
+    counts = np.zeros_like(sums)
+    # In single precision throughout: a double among them would make all of it slower.
     scale = np.float32(filters.scale)
     start = np.float32(filters.start)
     step = np.float32(lines.step)
@@ -114,11 +115,14 @@ def _sum_exact(filters: Any, lines: Any, sums: Any, counts: Any) -> None:
                     here = int(place)
                     part = place - np.float32(here)
                     cells[j] += row[here] + part * (row[here + 1] - row[here])
+    return sums, counts
 
 
 @njit(error_model="numpy", nogil=True)
-def _sum_tabled(table: Any, lines: Any, sums: Any, counts: Any) -> None:
-    """Add the sums; see `sum_tabled`."""
+def _sum_tabled(table: Any, lines: Any) -> Any:
+    """Return the sums; see `sum_tabled`."""
+    sums = np.zeros((len(lines.offsets), lines.total), np.float32)
+    counts = np.zeros_like(sums)
     last = table.z.shape[2] - 1
     for t in range(lines.offsets.shape[0]):
         for p in range(lines.offsets.shape[1]):
@@ -129,7 +133,9 @@ def _sum_tabled(table: Any, lines: Any, sums: Any, counts: Any) -> None:
             counts[t, first:after] += np.float32(1.0)
             for j in range(first, after):
                 column = int(np.rint((nearest + j * lines.step) / table.step))
+                # A distance at the edge may be rounded beyond it.
                 sums[t, j] += row[min(max(column, 0), last)]
+    return sums, counts
 
 
 with suppress(RuntimeError):  # there is no place to keep it

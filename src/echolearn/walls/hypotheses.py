@@ -25,11 +25,11 @@ from echolearn.walls.evidence import (
     exact_evidence,
     forgiving,
     grid_of,
-    read,
+    read_table,
     soft,
     summed,
 )
-from echolearn.walls.walk import Walk
+from echolearn.walls.walk import HeardWalk
 
 REFERENCE = 25
 """Number of the peak that is the unit of a map; no room has as many walls in the window."""
@@ -78,7 +78,7 @@ class Hypotheses:
         return Hypotheses(self.theta[which], self.rho[which], self.strength[which])
 
 
-def hypotheses(walk: Walk, *, count: int = 20, grid: Grid | None = None) -> Hypotheses:
+def hypotheses(walk: HeardWalk, *, count: int = 20, grid: Grid | None = None) -> Hypotheses:
     """Return the lines that a walk speaks for most.
 
     Args:
@@ -89,11 +89,11 @@ def hypotheses(walk: Walk, *, count: int = 20, grid: Grid | None = None) -> Hypo
     check_whole("hypotheses.count", count, low=1, high=1000)
     grid = grid or grid_of(walk)
     maps = [exact_evidence(walk, grid)]
-    maps += [summed(walk, grid, soft(walk.responses, blur=blur)) for blur in BLURS]
-    return uncrossed(walk, highest(maps, count=count))
+    maps += [summed(walk, grid, z=soft(walk.responses, blur=blur)) for blur in BLURS]
+    return uncrossed(walk, highest_peaks(maps, count=count))
 
 
-def highest(maps: Sequence[Evidence], *, count: int) -> Hypotheses:
+def highest_peaks(maps: Sequence[Evidence], *, count: int) -> Hypotheses:
     """Return the highest peaks of several maps of one grid, each in units of its own noise.
 
     Args:
@@ -107,15 +107,17 @@ def highest(maps: Sequence[Evidence], *, count: int) -> Hypotheses:
     row, column = _peaks(together, grid)
     row, column = row[:count], column[:count]
 
+    # Offsets of a grid count from the middle of the path, those of hypotheses from the origin.
     theta = grid.theta[row]
     along = np.cos(theta) * grid.origin[0] + np.sin(theta) * grid.origin[1]
     return Hypotheses(theta, grid.rho[column] + along, together[row, column])
 
 
-def uncrossed(walk: Walk, found: Hypotheses) -> Hypotheses:
+def uncrossed(walk: HeardWalk, found: Hypotheses) -> Hypotheses:
     """Return the hypotheses that the path does not cross where poses heard them."""
     azimuth, distance, inside = walk.seen(found.theta, found.rho)
-    z = read(walk, forgiving(walk.responses, width=WIDTH), azimuth=azimuth, distance=distance)
+    z = read_table(walk, forgiving(walk.responses, width=WIDTH), azimuth=azimuth, distance=distance)
+    # Feet of the perpendiculars: where along the line each pose would hear it.
     tangent = np.stack([-np.sin(found.theta), np.cos(found.theta)], axis=1)
     feet = tangent @ walk.poses[:, :2].T
     heard = inside & (z > HEARD)

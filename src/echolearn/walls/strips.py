@@ -22,9 +22,9 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check_whole
-from echolearn.walls.evidence import forgiving, read
+from echolearn.walls.evidence import forgiving, read_table
 from echolearn.walls.hypotheses import Hypotheses
-from echolearn.walls.walk import Walk
+from echolearn.walls.walk import HeardWalk
 
 REACH = 24
 """Lags on either side of a hypothesis: 19 cm."""
@@ -82,7 +82,9 @@ class Strips:
     seen: Array
 
 
-def strips(walk: Walk, found: Hypotheses, *, reach: int = REACH, beside: Array = BESIDE) -> Strips:
+def strips(
+    walk: HeardWalk, found: Hypotheses, *, reach: int = REACH, beside: Array = BESIDE
+) -> Strips:
     """Cut the strips of some hypotheses.
 
     Args:
@@ -107,7 +109,7 @@ def strips(walk: Walk, found: Hypotheses, *, reach: int = REACH, beside: Array =
     return Strips(values, known, seen)
 
 
-def filled(walk: Walk, cut: Strips, *, rng: np.random.Generator) -> Array:
+def filled(walk: HeardWalk, cut: Strips, *, rng: np.random.Generator) -> Array:
     """Return the values of strips with noise where nothing is known, of the same shape.
 
     Args:
@@ -115,6 +117,7 @@ def filled(walk: Walk, cut: Strips, *, rng: np.random.Generator) -> Array:
         cut: strips of the walk.
         rng: draws it.
     """
+    # Of the same pose, so that silence or reverberation there looks like the rest of it.
     table = walk.responses.reshape(len(walk.poses), -1)
     hypothesis, pose, lag = np.nonzero(~cut.known)
     drawn = rng.integers(table.shape[1], size=(len(pose), cut.values.shape[-1]))
@@ -123,7 +126,7 @@ def filled(walk: Walk, cut: Strips, *, rng: np.random.Generator) -> Array:
     return whole
 
 
-def sound_columns(walk: Walk, found: Hypotheses, cut: Strips) -> Array:
+def sound_columns(walk: HeardWalk, found: Hypotheses, *, cut: Strips) -> Array:
     """Return the columns `SOUND` of K hypotheses, shape (K, columns), float32.
 
     Args:
@@ -137,17 +140,20 @@ def sound_columns(walk: Walk, found: Hypotheses, cut: Strips) -> Array:
     sums = [_sum(there, seen)]
     for width in (2, 6, 12):
         z = forgiving(walk.responses, width=width)
-        near = read(walk, z, azimuth=azimuth, distance=distance)
+        near = read_table(walk, z, azimuth=azimuth, distance=distance)
         sums.append(_sum(near, seen))
         if width == 2:
             nearest = np.where(seen, near, np.nan)
 
+    # The mean over poses along the lags: of a wall, one peak over a flat floor.
     profile = _mean(cut.values[..., middle[1]], cut.known)
     peak = profile.max(axis=1)
     offset = np.abs(profile.argmax(axis=1) - middle[0])
     off = np.sqrt(np.mean(np.square(profile), axis=1))
+    # A wall has a direction; floor and ceiling sound alike from all sides.
     around = _mean(cut.values[:, :, middle[0]], seen[..., None])
     beside = np.delete(around, middle[1], axis=1)
+    # What the strongest line of the walk has: there is one wall at least in most.
     relative = sums[1] / max(float(sums[1].max(initial=0.0)), 1e-9)
     columns = [
         *sums,
@@ -166,7 +172,7 @@ def sound_columns(walk: Walk, found: Hypotheses, cut: Strips) -> Array:
     return np.stack(columns, axis=1).astype(np.float32)
 
 
-def geometry_columns(walk: Walk, found: Hypotheses, cut: Strips) -> Array:
+def geometry_columns(walk: HeardWalk, found: Hypotheses, *, cut: Strips) -> Array:
     """Return the columns `GEOMETRY` of K hypotheses, shape (K, columns), float32.
 
     Args:
@@ -178,7 +184,7 @@ def geometry_columns(walk: Walk, found: Hypotheses, cut: Strips) -> Array:
     tangent = np.stack([-np.sin(found.theta), np.cos(found.theta)], axis=1)
     feet = tangent @ walk.poses[:, :2].T
     rows = [
-        _geometry(away[here], along[here], known[here], behind=np.mean(away <= 0))
+        _geometry(away[here], along=along[here], known=known[here], behind=np.mean(away <= 0))
         for away, along, known, here in zip(distance, feet, cut.known, seen, strict=True)
     ]
     shares = seen.mean(axis=1, keepdims=True)
@@ -187,7 +193,7 @@ def geometry_columns(walk: Walk, found: Hypotheses, cut: Strips) -> Array:
     return np.hstack([counts, shares, table]).astype(np.float32)
 
 
-def _geometry(distance: Array, along: Array, known: Array, *, behind: float) -> list[float]:
+def _geometry(distance: Array, *, along: Array, known: Array, behind: float) -> list[float]:
     """Return what the places of some poses tell of one hypothesis, from `distance_mean` on.
 
     Args:

@@ -25,7 +25,7 @@ from echolearn.acoustics.types import Array
 from echolearn.mapping.walls import GAP, Line, fit
 from echolearn.walls.hypotheses import Hypotheses
 from echolearn.walls.strips import Strips
-from echolearn.walls.walk import Walk
+from echolearn.walls.walk import HeardWalk
 
 WANDER = 1.5
 """Lags by which the track moves from one pose to the next, in the root mean square: 1.2 cm."""
@@ -66,7 +66,7 @@ class Track:
     stretches: Array
 
 
-def track(walk: Walk, found: Hypotheses, cut: Strips, *, number: int) -> Track:
+def follow(walk: HeardWalk, found: Hypotheses, *, cut: Strips, number: int) -> Track:
     """Return the track of one hypothesis.
 
     Args:
@@ -126,6 +126,7 @@ def lag_track(strip: Array, steps: Array) -> Array:
         came[pose] = reached.argmax(axis=1)
         best = reached.max(axis=1) + strip[pose]
 
+    # Back from the best end, along the way that led there.
     chosen = np.zeros(len(strip), dtype=int)
     for pose in range(len(strip) - 1, -1, -1):
         last = pose == len(strip) - 1

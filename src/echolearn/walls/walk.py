@@ -45,7 +45,7 @@ MARGIN = 6
 
 
 def lags_needed(
-    window: SearchWindow, array: MicArray, sample_rate: float, *, speed_of_sound: float
+    window: SearchWindow, array: MicArray, *, sample_rate: float, speed_of_sound: float
 ) -> tuple[int, int]:
     """Return the first and the last lag that responses in a window read, both inclusive.
 
@@ -62,7 +62,7 @@ def lags_needed(
 
 
 @dataclass(frozen=True, eq=False)
-class Walk:
+class HeardWalk:
     """All that is known of a walk: matched filters, and where the odometry believed to be.
 
     Attributes:
@@ -83,9 +83,8 @@ class Walk:
     speed_of_sound: float = SPEED_OF_SOUND
 
     def __post_init__(self) -> None:
-        first, last = lags_needed(
-            self.window, self.array, self.sample_rate, speed_of_sound=self.speed_of_sound
-        )
+        about = {"sample_rate": self.sample_rate, "speed_of_sound": self.speed_of_sound}
+        first, last = lags_needed(self.window, self.array, **about)
         shape = (len(self.poses), len(self.array), last - first + 1)
         allowed = f"must be {shape}: poses, microphones, lags {first} to {last}"
         check(self.outputs.shape == shape, "walk.outputs", self.outputs.shape, allowed=allowed)
@@ -159,6 +158,7 @@ class Walk:
         whole, part = np.divmod(self._lags(azimuth, distance), 1.0)
         index = np.clip(whole.astype(int), 0, self.fine.shape[-1] - 2)
         total = np.zeros(pose.shape)
+        # Microphone by microphone: all places of all at once would not fit into memory.
         for number in range(len(self.array)):
             here = index[number]
             low = self.fine[pose, number, here]
