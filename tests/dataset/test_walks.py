@@ -13,9 +13,9 @@ from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Pose, Room
 from echolearn.cli.commands import verify_folder
+from echolearn.dataset.drawn_rooms import CLEARANCE, OUTLINES, room_around
 from echolearn.dataset.generate import generate
 from echolearn.dataset.labelled_set import Dataset
-from echolearn.dataset.rooms_around import CLEARANCE, OUTLINES, room_around
 from echolearn.dataset.walk_plan import SPIRAL, WalkPlan
 from echolearn.dataset.walk_records import walk_records
 from echolearn.dataset.walk_set import WalkSet

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from echolearn.simulation.odometry import MODELS, in_own_frame, moved, told
+from echolearn.simulation.odometry import MODELS, in_own_frame, told_poses, turned_path
 from echolearn.simulation.paths import wandering
 
 PATH = wandering(400, extent=np.array([9.0, 7.0]), stride=0.2, rng=np.random.default_rng(0))
 
 
 def errors(model, seed=0, sigma=0.04):
-    return told(PATH, model=model, sigma=sigma, rng=np.random.default_rng(seed)) - PATH
+    return told_poses(PATH, model=model, sigma=sigma, rng=np.random.default_rng(seed)) - PATH
 
 
 def test_an_exact_odometry_tells_the_truth():
@@ -46,7 +46,8 @@ def test_a_biased_heading_turns_away_evenly_and_takes_places_along(seed):
 @pytest.mark.parametrize("model", MODELS)
 def test_a_path_that_stands_still_has_an_odometry(model):
     still = np.zeros((5, 3))
-    assert np.isfinite(told(still, model=model, sigma=0.1, rng=np.random.default_rng(0))).all()
+    poses = told_poses(still, model=model, sigma=0.1, rng=np.random.default_rng(0))
+    assert np.isfinite(poses).all()
 
 
 def test_a_frame_of_its_own_keeps_all_shapes():
@@ -55,5 +56,5 @@ def test_a_frame_of_its_own_keeps_all_shapes():
     assert np.allclose(*lengths)
     turn = own[0, 2] - PATH[0, 2]
     assert abs(turn) > 0.1
-    back = moved(own, angle=-turn, shift=np.zeros(2))
+    back = turned_path(own, angle=-turn, shift=np.zeros(2))
     assert np.allclose(back - back[0], PATH - PATH[0])

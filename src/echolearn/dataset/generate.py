@@ -21,8 +21,9 @@ import numpy as np
 
 from echolearn.checks import check
 from echolearn.dataset.labelled_set import FORMAT
+from echolearn.dataset.plans import Plan
 from echolearn.dataset.records import records
-from echolearn.dataset.walk_plan import AnyPlan, WalkPlan
+from echolearn.dataset.walk_plan import WalkPlan
 from echolearn.dataset.walk_records import walk_records
 from echolearn.dataset.walk_set import KIND as WALKS
 from echolearn.localization.localizer import returned
@@ -32,6 +33,8 @@ from echolearn.storage import manifests
 from echolearn.storage.files import clean
 from echolearn.storage.identity import canonical, plain
 from echolearn.storage.once import presence
+
+AnyPlan = Plan | WalkPlan
 
 BLOCK = 16
 """Most rows whose recordings are held at a time: what is computed of few stays near the processor.

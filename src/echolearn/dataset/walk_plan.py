@@ -3,7 +3,7 @@
     path --room around it--> room, true poses --odometry--> told poses --simulation--> recordings
 
 One row is a walk. The path is drawn first, then the room around it, each side at a distance of its
-own (`rooms_around`); only `spiral`, the walk of `simulation.walk`, follows walls, so that what that
+own (`drawn_rooms`); only `spiral`, the walk of `simulation.walk`, follows walls, so that what that
 gives away can be measured. Where a room is given, the path wanders through it at the margins.
 """
 
@@ -16,10 +16,10 @@ from echolearn.acoustics.polygon_room import AnyRoom, PolygonRoom
 from echolearn.acoustics.rooms import size_of
 from echolearn.acoustics.types import Array, Room
 from echolearn.checks import Range, check, check_fields, check_list, check_name, check_range
-from echolearn.dataset.plans import ROLES, Plan
-from echolearn.dataset.rooms_around import CLEARANCE, OUTLINES, room_around
+from echolearn.dataset.drawn_rooms import CLEARANCE, OUTLINES, room_around
+from echolearn.dataset.roles import ROLES
 from echolearn.simulation.levels import NoiseLevels
-from echolearn.simulation.odometry import MODELS, in_own_frame, moved, told
+from echolearn.simulation.odometry import MODELS, in_own_frame, told_poses, turned_path
 from echolearn.simulation.paths import PATHS, wandering
 from echolearn.simulation.realism import Realism
 from echolearn.simulation.scene import Scene
@@ -79,7 +79,7 @@ class WalkPlan:
         rows: number of walks; each has its own path, room and odometry.
         poses: number P of poses of a walk, one recording at each.
         paths: ways to draw a path, of `simulation.paths.PATHS`, and spiral; each walk draws one.
-        rooms: outlines, of `rooms_around.OUTLINES`; each walk draws one.
+        rooms: outlines, of `drawn_rooms.OUTLINES`; each walk draws one.
         odometry: models of `simulation.odometry`; each walk draws one.
         odometry_error: range of the size of its errors, in m.
         extent: range of each side of the rectangle that a path keeps to, in m.
@@ -92,7 +92,7 @@ class WalkPlan:
         window: distances of walls of which the matched filters are kept.
         scene: what the robot carries.
         shard_rows: walks stored in one file.
-        role: what the set is for, see `plans.ROLES`; no row depends on it.
+        role: what the set is for, see `roles.ROLES`; no row depends on it.
         realism: ranges of what is not ideal; the robot is drawn once for a walk, all else anew at
             every pose.
         room: the room of all walks, or None to draw one for each; `margin[0]` is then the distance
@@ -169,7 +169,7 @@ class WalkPlan:
         model = str(rng.choice(self.odometry))
         sigma = 0.0 if model == "exact" else float(rng.uniform(*self.odometry_error))
         plane = poses[:, [0, 1, 3]]
-        own = in_own_frame(told(plane, model=model, sigma=sigma, rng=rng), rng=rng)
+        own = in_own_frame(told_poses(plane, model=model, sigma=sigma, rng=rng), rng=rng)
         snr_db = float(rng.uniform(*self.snr_db))
         drawn: dict[str, str | float] = {
             "path": kind,
@@ -186,7 +186,7 @@ class WalkPlan:
         extent = rng.uniform(*self.extent, 2)
         path = PATHS[kind](self.poses, extent=extent, stride=stride, rng=rng)
         # However the robot's way lies to the walls: its passage may be oblique.
-        path = moved(path, angle=rng.uniform(-np.pi, np.pi), shift=np.zeros(2))
+        path = turned_path(path, angle=rng.uniform(-np.pi, np.pi), shift=np.zeros(2))
         height = float(rng.uniform(*self.height))
         room, places = room_around(
             path[:, :2],
@@ -225,6 +225,3 @@ class WalkPlan:
             room = Room(size, t60, tuple(rng.uniform(*self.wall_factor, 6).tolist()))
         walk = trajectory(room, poses=self.poses, start=float(rng.uniform(-np.pi, np.pi)))
         return room, np.array([[*pose.position, pose.heading] for pose in walk])
-
-
-AnyPlan = Plan | WalkPlan

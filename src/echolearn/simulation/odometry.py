@@ -25,7 +25,7 @@ SHIFT = 5.0
 """m by which a frame may be shifted along each axis."""
 
 
-def told(path: Array, *, model: str, sigma: float, rng: np.random.Generator) -> Array:
+def told_poses(path: Array, *, model: str, sigma: float, rng: np.random.Generator) -> Array:
     """Return the poses that an odometry tells, in the frame of the path, shape (P, 3).
 
     Args:
@@ -50,11 +50,17 @@ def told(path: Array, *, model: str, sigma: float, rng: np.random.Generator) -> 
 def in_own_frame(path: Array, *, rng: np.random.Generator) -> Array:
     """Return poses (P, 3) in a frame that is turned and shifted at random."""
     angle = rng.uniform(-np.pi, np.pi)
-    return moved(path, angle=angle, shift=rng.uniform(-SHIFT, SHIFT, 2))
+    return turned_path(path, angle=angle, shift=rng.uniform(-SHIFT, SHIFT, 2))
 
 
-def moved(path: Array, *, angle: float, shift: Array) -> Array:
-    """Return poses (P, 3), turned about the origin by an angle in rad, then shifted by (2,) m."""
+def turned_path(path: Array, *, angle: float, shift: Array) -> Array:
+    """Return poses turned about the origin, then shifted, shape (P, 3).
+
+    Args:
+        path: x, y in m and heading in rad, shape (P, 3).
+        angle: by which they are turned, in rad.
+        shift: shape (2,), in m.
+    """
     cos, sin = np.cos(angle), np.sin(angle)
     places = path[:, :2] @ np.array([[cos, sin], [-sin, cos]]) + shift
     return np.column_stack([places, path[:, 2] + angle])
