@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from echolearn.walls.evidence import Evidence, Grid
-from echolearn.walls.hypotheses import Hypotheses, highest_peaks, hypotheses, uncrossed
+from echolearn.walls.hypotheses import highest_peaks, hypotheses, uncrossed
+from echolearn.walls.nouns import Hypotheses
 from heard_walks import heard, wandering
 
 BOX = [

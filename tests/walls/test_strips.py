@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from echolearn.walls.hypotheses import Hypotheses
+from echolearn.walls.nouns import GEOMETRY, SOUND, Hypotheses
 from echolearn.walls.strips import (
-    GEOMETRY,
-    SOUND,
     filled,
     geometry_columns,
     sound_columns,

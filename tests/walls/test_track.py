@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from echolearn.walls.hypotheses import Hypotheses
+from echolearn.walls.nouns import Hypotheses
 from echolearn.walls.strips import strips
 from echolearn.walls.track import WANDER, follow, lag_track
 from heard_walks import heard, wandering

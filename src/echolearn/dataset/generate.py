@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from echolearn.checks import check
+from echolearn.dataset.hypothesis_records import HypothesisPlan, hypothesis_records
 from echolearn.dataset.labelled_set import FORMAT
 from echolearn.dataset.plans import Plan
 from echolearn.dataset.records import records
@@ -36,6 +37,9 @@ from echolearn.storage.once import presence
 
 AnyPlan = Plan | WalkPlan
 
+Made = AnyPlan | HypothesisPlan
+"""All that sets are made of; the last is no plan of a user, but follows from that of its walks."""
+
 BLOCK = 16
 """Most rows whose recordings are held at a time: what is computed of few stays near the processor.
 """
@@ -49,7 +53,7 @@ PATIENCE = 60.0
 SHARED = "a folder that all workers see and write to at the same path; some worker does not"
 
 
-def generate(plan: AnyPlan, *, runs: Path, engine: Engine, command: str | None = None) -> Path:
+def generate(plan: Made, *, runs: Path, engine: Engine, command: str | None = None) -> Path:
     """Make the set of a plan; finished shards are kept, a finished set is skipped.
 
     Args:
@@ -75,7 +79,7 @@ def generate(plan: AnyPlan, *, runs: Path, engine: Engine, command: str | None =
     clean(folder)
     if manifests.is_finished(folder):
         # Its digest is that of its plan: a folder that was renamed holds the rows of another.
-        own = manifests.load_manifest(folder).get("plan") == json.loads(canonical(plain(plan)))
+        own = manifests.load_manifest(folder).get("plan") == json.loads(canonical(plan_entry(plan)))
         allowed = "must hold the set of its own plan"
         check(own, "folder", folder, allowed=allowed, hint="was it renamed or copied? remove it")
     missing = manifests.missing_shards(folder, count)
@@ -91,32 +95,53 @@ def generate(plan: AnyPlan, *, runs: Path, engine: Engine, command: str | None =
         _await([manifests.sidecar(folder / manifests.shard_name(shard)) for shard in missing])
 
     if missing or not manifests.is_finished(folder):
-        about = _about(plan) | manifests.command_entry(command)
+        about = _about(plan, folder, count=count) | manifests.command_entry(command)
         manifests.finish(folder, about, map(manifests.shard_name, range(count)))
     return folder
 
 
-def _about(plan: AnyPlan) -> dict[str, Any]:
-    """Return what the manifest of a set says of it."""
+def _about(plan: Made, folder: Path, *, count: int) -> dict[str, Any]:
+    """Return what the manifest of a set in a folder of so many shards says of it."""
+    kind, scene, rows = "set", _walks(plan).scene, len(plan)
     if isinstance(plan, WalkPlan):
-        kind, rows = WALKS, len(plan)
+        kind = WALKS
+    elif isinstance(plan, HypothesisPlan):
+        # How many there are shows when all have been sought.
+        shards = map(manifests.shard_name, range(count))
+        rows = sum(len(np.load(folder / name, mmap_mode="r")) for name in shards)
     else:
-        kind, rows = "set", len(plan) * returned(plan.localizer)
-    about: dict[str, Any] = {"kind": kind, "format": FORMAT, "rows": rows, "plan": plain(plan)}
-    return about | {"microphones": plan.scene.array.positions.tolist()}
+        rows *= returned(plan.localizer)
+    about: dict[str, Any] = {"kind": kind, "format": FORMAT, "rows": rows, "plan": plan_entry(plan)}
+    return about | {"microphones": scene.array.positions.tolist()}
 
 
-def folder_of(plan: AnyPlan, runs: Path) -> Path:
+def plan_entry(plan: Made) -> dict[str, Any]:
+    """Return a plan as its manifest has it: that of hypotheses has the name and role of a set."""
+    about: dict[str, Any] = plain(plan)
+    if isinstance(plan, HypothesisPlan):
+        about |= {"name": f"{plan.walks.name}_hypotheses", "role": plan.walks.role}
+    return about
+
+
+def _walks(plan: Made) -> AnyPlan:
+    """Return the plan of what was recorded."""
+    return plan.walks if isinstance(plan, HypothesisPlan) else plan
+
+
+def folder_of(plan: Made, runs: Path) -> Path:
     """Return the folder of a plan's set, named after the digest of the plan."""
-    return Path(runs) / "data" / manifests.set_name({"format": FORMAT, "plan": plain(plan)})
+    return Path(runs) / "data" / manifests.set_name({"format": FORMAT, "plan": plan_entry(plan)})
 
 
-def _write(shard: int, *, plan: AnyPlan, mark: Path) -> None:
+def _write(shard: int, *, plan: Made, mark: Path) -> None:
     """Write one shard beside the mark by which a worker knows the folder."""
     check(mark.is_file(), "runs", mark.parent, allowed=SHARED)
     rows = range(len(plan))[shard * plan.shard_rows :][: plan.shard_rows]
     if isinstance(plan, WalkPlan):
         table = walk_records(plan, rows)
+    elif isinstance(plan, HypothesisPlan):
+        source = folder_of(plan.walks, mark.parents[2])
+        table = hypothesis_records(plan, rows, source=source)
     else:
         table = np.concatenate([records(plan, block) for block in row_blocks(rows)])
     manifests.write_shard(mark.parent, shard, table)

@@ -73,7 +73,8 @@ class Dataset:
     @property
     def echoes(self) -> int:
         """Number of records of each observation."""
-        echoes = self.manifest["plan"]["localizer"].get("echoes", 1)
+        # Hypotheses of walls come from no localizer.
+        echoes = self.manifest["plan"].get("localizer", {}).get("echoes", 1)
         return echoes if isinstance(echoes, int) else 1
 
     @cached_property

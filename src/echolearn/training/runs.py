@@ -17,6 +17,7 @@ from echolearn.storage import manifests
 from echolearn.storage.identity import digest
 from echolearn.storage.tables import check_plain
 from echolearn.training.fields import FIELDS
+from echolearn.walls.nouns import GEOMETRY, SOUND
 
 FORMAT = 4
 """Version of the run folder; part of every digest."""
@@ -25,7 +26,7 @@ FORMAT = 4
 def check_input_names(name: str, value: Any) -> None:
     """Raise `BadValue` unless a value lists columns that are there once, or one tensor."""
     check_list(name, value)
-    known = (*EVERY_COLUMN, *SEVERAL)
+    known = (*EVERY_COLUMN, *SEVERAL, *SOUND, *GEOMETRY)
     columns = all(each in known for each in value[: len(known)])
     once = 0 < len(value) <= len(known) and len({*map(str, value)}) == len(value)
     tensor = len(value) == 1 and value[0] in EVERY_TENSOR

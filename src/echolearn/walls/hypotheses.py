@@ -12,7 +12,6 @@ is knowledge, not learned, and the same for all classifiers.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import maximum_filter
@@ -29,6 +28,7 @@ from echolearn.walls.evidence import (
     soft,
     summed,
 )
+from echolearn.walls.nouns import Hypotheses
 from echolearn.walls.walk import HeardWalk
 
 REFERENCE = 25
@@ -54,28 +54,6 @@ WIDTH = 4
 
 BLURS = (0.5, 1.5, 4.0)
 """Blurs of soft evidence in lags: exact poses, 1 cm, 3 cm."""
-
-
-@dataclass(frozen=True)
-class Hypotheses:
-    """Lines on which walls may lie, those with the most evidence first.
-
-    Attributes:
-        theta: directions of the normals, from the robot to the wall, shape (K,), in rad.
-        rho: offsets along them from the origin of the poses, shape (K,), in m.
-        strength: evidence in units of the walk's `REFERENCE`-th peak, shape (K,).
-    """
-
-    theta: Array
-    rho: Array
-    strength: Array
-
-    def __len__(self) -> int:
-        return len(self.theta)
-
-    def part(self, which: Array) -> "Hypotheses":
-        """Return some of them, by number or by a mask."""
-        return Hypotheses(self.theta[which], self.rho[which], self.strength[which])
 
 
 def hypotheses(walk: HeardWalk, *, count: int = 20, grid: Grid | None = None) -> Hypotheses:

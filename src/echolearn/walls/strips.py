@@ -12,8 +12,8 @@ direction.
 *A leak.* Walks that follow walls have them at the distances that the path was made for. Which lags
 lie outside the window, how many poses have the line, how far it is, tell true walls from false ones
 without any sound. Lags outside the window are therefore masked, and `filled` puts noise there:
-values drawn from the same pose. Columns of `SOUND` are of sound alone, those of `GEOMETRY` are all
-the rest, for a control that should know nothing.
+values drawn from the same pose. Columns of `nouns.SOUND` are of sound alone, those of
+`nouns.GEOMETRY` are all the rest, for a control that should know nothing.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ import numpy as np
 from echolearn.acoustics.types import Array
 from echolearn.checks import check_whole
 from echolearn.walls.evidence import forgiving, read_table
-from echolearn.walls.hypotheses import Hypotheses
+from echolearn.walls.nouns import GEOMETRY, Hypotheses
 from echolearn.walls.walk import HeardWalk
 
 REACH = 24
@@ -31,40 +31,6 @@ REACH = 24
 
 BESIDE = np.deg2rad([-9.0, -6.0, -3.0, 0.0, 3.0, 6.0, 9.0])
 """Directions of a strip, from that of the normal, in rad."""
-
-SOUND = (
-    "evidence_exact",
-    "evidence_2",
-    "evidence_6",
-    "evidence_12",
-    "strength",
-    "relative",
-    "above_3",
-    "above_4",
-    "median",
-    "quartile",
-    "profile_peak",
-    "profile_offset",
-    "profile_contrast",
-    "beside_contrast",
-    "halves",
-)
-"""Columns of sound alone, in the order of `sound_columns`."""
-
-GEOMETRY = (
-    "poses",
-    "share_of_walk",
-    "distance_mean",
-    "distance_sd",
-    "distance_least",
-    "distance_most",
-    "blank",
-    "length",
-    "gap",
-    "step_mean",
-    "beyond",
-)
-"""Columns of everything but the sound, in the order of `geometry_columns`."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +93,7 @@ def filled(walk: HeardWalk, cut: Strips, *, rng: np.random.Generator) -> Array:
 
 
 def sound_columns(walk: HeardWalk, found: Hypotheses, *, cut: Strips) -> Array:
-    """Return the columns `SOUND` of K hypotheses, shape (K, columns), float32.
+    """Return the columns `nouns.SOUND` of K hypotheses, shape (K, columns), float32.
 
     Args:
         walk: what was heard, and where.
@@ -173,7 +139,7 @@ def sound_columns(walk: HeardWalk, found: Hypotheses, *, cut: Strips) -> Array:
 
 
 def geometry_columns(walk: HeardWalk, found: Hypotheses, *, cut: Strips) -> Array:
-    """Return the columns `GEOMETRY` of K hypotheses, shape (K, columns), float32.
+    """Return the columns `nouns.GEOMETRY` of K hypotheses, shape (K, columns), float32.
 
     Args:
         walk: what was heard, and where.

@@ -23,7 +23,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.mapping.walls import GAP, Line, fit
-from echolearn.walls.hypotheses import Hypotheses
+from echolearn.walls.nouns import Hypotheses
 from echolearn.walls.strips import Strips
 from echolearn.walls.walk import HeardWalk
 
