@@ -38,6 +38,7 @@ def _train(config: "Config") -> Path:
     from echolearn.storage.identity import by_short_names
     from echolearn.training.split import LearningProblem
     from echolearn.training.train import train
+    from echolearn.training.variants import variant_text
 
     classifier = _without(config["classifier"], config["without"])
     division = _built(config, "target seed split test_share validation_share train_rows")
@@ -48,6 +49,7 @@ def _train(config: "Config") -> Path:
         config=by_short_names(classifier),
         runs=Path(config["runs"]),
         microphones=build(config["scene"]["array"], "scene.array").positions,
+        variant=variant_text(config.get("varied", {})),
         **_built(config, "name folds calibration aim without command"),
     )
     return Path(config["runs"]) / "train" / str(result["run"])
@@ -97,10 +99,14 @@ def _import(config: "Config") -> Path:
 
 def _compare(config: "Config") -> None:
     """Compare every trained run on every test set and survey: tables, tests, figures, report."""
+    from echolearn.cli.names import chosen_runs
     from echolearn.comparison.compare import compare
+    from echolearn.training.variants import Wanted
 
+    runs, among = chosen_runs(config["runs"])
     compare(
-        runs=Path(config["runs"]),
+        runs=runs,
+        wanted=Wanted(among, config["select"]),
         readme=_path(config["readme"]),
         plan_of=_plan_of,
         **_built(config, "name tested surveys bundles localizers workers resamples command"),

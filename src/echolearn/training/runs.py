@@ -51,6 +51,7 @@ TABLE: dict[str, Any] = {
 OPTIONAL: dict[str, Any] = {
     "train_rows": FIELDS["train_rows"],
     "without": check_input_names,
+    "variant": check_name,
 }
 """What is read where it is there: how a training differs from the usual one of its name."""
 
@@ -62,15 +63,22 @@ class Run:
     Attributes:
         folder: where it lies.
         metrics: content of its `metrics.json`.
+        settings: by what it is told from others of one name and variant, or nothing.
     """
 
     folder: Path
     metrics: Mapping[str, Any]
+    settings: str = ""
 
     @property
     def identity(self) -> str:
         """Name that tells this run from all others, that of its folder."""
         return self.folder.name
+
+    @property
+    def variant(self) -> str:
+        """What a sweep varied for it, as in its name."""
+        return str(self.metrics.get("variant", ""))
 
     @property
     def model(self) -> Model:
@@ -79,7 +87,8 @@ class Run:
         without = " ".join(self.metrics.get("without", ()))
         rows = str(self.metrics.get("train_rows") or "")
         model = Model(*map(self.metrics.__getitem__, told))
-        return model._replace(train_rows=rows, without=without)
+        name = "-".join(filter(None, (model.classifier, self.variant, self.settings)))
+        return model._replace(classifier=name, train_rows=rows, without=without)
 
     @property
     def seed(self) -> int:
@@ -159,19 +168,11 @@ def load_runs(runs: Path) -> list[Run]:
     """Return every finished run under `runs/train` whose set is still there, by name.
 
     Raises:
-        BadValue: one is damaged or renamed, or two differ in nothing but their settings.
+        BadValue: one is damaged or renamed.
     """
     sets = (runs / "data").glob(f"*/{manifests.MANIFEST}")
     present = {digest(manifests.load_manifest(path.parent)["files"]) for path in sets}
     found = [run for run in finished_runs(runs) if run.data_digest in present]
-    first: dict[tuple[Model, int], str] = {}
-    for run in found:
-        # With other settings, or outdated, a second one would pass for another seed.
-        twin = first.setdefault((run.model, run.seed), run.identity)
-        allowed = "must be one run per classifier, set and seed"
-        hint = "remove the outdated, or train with another name="
-        same = twin == run.identity
-        check(same, "runs", f"{twin}, {run.identity}", allowed=allowed, hint=hint)
     # A renamed folder would count as a run of other settings.
     for run in found:
         manifests.verify(run.folder)
