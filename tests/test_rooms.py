@@ -37,6 +37,7 @@ OWNERS = {
     "numba": ["simulation", "localization", "walls"],
     "soundfile": ["survey", "simulation"],
     "rir_generator": ["bench"],
+    "optuna": ["training"],
     "matplotlib": ["comparison", "studies", "training"],
     "jinja2": ["comparison"],
     "rich dask distributed threadpoolctl": ["runtime"],

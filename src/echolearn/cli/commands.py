@@ -11,6 +11,7 @@ import shlex
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +54,44 @@ def _train(config: "Config") -> Path:
         **_built(config, "name folds calibration aim without command"),
     )
     return Path(config["runs"]) / "train" / str(result["run"])
+
+
+def _tune(config: "Config") -> Path:
+    """Search over a classifier's settings by its validation rows; continues where it was killed."""
+    from echolearn.checks import check
+    from echolearn.cli.config import build
+    from echolearn.cli.own import search_space
+    from echolearn.storage.identity import by_short_names
+    from echolearn.training.search_space import read_space, with_values
+    from echolearn.training.split import LearningProblem
+    from echolearn.training.tune import Tuning, tune
+
+    allowed = "must be there"
+    there = find_spec("optuna") is not None
+    check(there, "library", "optuna", allowed=allowed, hint="pip install 'echolearn[tune]'")
+    classifier = config["classifier"]
+    found, file = search_space(config["choice"]["classifier"])
+    space = read_space(found if config["space"] is None else config["space"], name=file)
+    # A key that is not there is told before any work.
+    with_values(classifier, space)
+    division = _built(config, "target seed split test_share validation_share train_rows")
+    order = Tuning(
+        LearningProblem(_open_set(config), **division),
+        config["choice"]["classifier"],
+        lambda values: build(with_values(classifier, values), "classifier"),
+        config=by_short_names(classifier),
+        space=space,
+        metric=config["metric"],
+        seed=config["search_seed"],
+    )
+    command = _leave_out(("trials=",), config["command"])
+    return tune(
+        order,
+        name=config["name"],
+        runs=Path(config["runs"]),
+        trials=config["trials"],
+        command=shlex.join([*shlex.split(command), f"trials={config['trials']}"]),
+    )
 
 
 def _without(classifier: "Config", columns: list[str]) -> "Config":
@@ -294,6 +333,7 @@ def _fitted(order: "Order", config: "Config") -> Path:
 COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
     "generate": _generate,
     "train": _train,
+    "tune": _tune,
     "survey": _survey,
     "import": _import,
     "compare": _compare,

@@ -19,7 +19,7 @@ takes milliseconds.
 import shutil
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from glob import escape
 from pathlib import Path
@@ -94,26 +94,28 @@ def train(
     identity = about | {"problem": problem.identity()} | _unusual(calibration, aim)
     usual = Path(runs) / "train" / f"{title_of(identity)}-{digest(identity)}"
     place = partial(_place, usual, title=title_of(identity), variant=variant)
-
-    def finished() -> Metrics | None:
-        return finished_metrics(place(), identity)
-
+    finished = partial(_found_at, place, identity)
     if (found := finished()) is not None:
         return found
     # What is wrong with the classifier or the set is told before anything is written.
     problem.inputs(classifier().inputs)
     problem.parts()
     told = _told(command, microphones, without)
-    make = partial(_make_named, place, problem, classifier, identity=identity, told=told)
+    make = partial(_make_named, place, problem, classifier=classifier, identity=identity, told=told)
     # Locked under the name without what is varied, so that two sweeps do not make one run twice.
     return once(usual, finished=finished, make=make, doing="trains this run")
+
+
+def _found_at(place: Callable[[], Path], identity: Mapping[str, Any]) -> Metrics | None:
+    """Return the metrics of a run wherever it is by now, if it is finished."""
+    return finished_metrics(place(), identity)
 
 
 def _make_named(
     place: Callable[[], Path],
     problem: LearningProblem,
-    classifier: Callable[[], Classifier],
     *,
+    classifier: Callable[[], Classifier],
     identity: Mapping[str, Any],
     told: Mapping[str, Any],
 ) -> Metrics:
@@ -297,19 +299,34 @@ def fit_calibrated(
         folder: place of the classifier's own logs.
         calibration, aim: as those of `train`.
     """
+    examples = examples_of(model, problem, parts=parts, folder=folder)
+    model.fit(examples)
+    return calibrate(model, *examples.validation, method=calibration, aim=read_aim(aim))
+
+
+def examples_of(
+    model: Classifier, problem: LearningProblem, *, parts: Parts, folder: Path, **about: Any
+) -> Examples:
+    """Return what a classifier learns from.
+
+    Args:
+        model: classifier, unfitted.
+        problem: what to learn.
+        parts: rows of the problem's set.
+        folder: place of the classifier's own logs.
+        about: further fields, as `watch`.
+    """
     x = problem.inputs(model.inputs)
     y = problem.labels()
-    unseen = (x.part(parts.validation), y[parts.validation])
-    examples = Examples(
+    return Examples(
         x.part(parts.train),
         y[parts.train],
         groups=problem.groups()[parts.train],
-        validation=unseen,
+        validation=(x.part(parts.validation), y[parts.validation]),
         folder=folder,
         seed=problem.seed,
+        **about,
     )
-    model.fit(examples)
-    return calibrate(model, *unseen, method=calibration, aim=read_aim(aim))
 
 
 def facts_of(fitted: Calibrated) -> Metrics:
@@ -325,7 +342,16 @@ def facts_of(fitted: Calibrated) -> Metrics:
         "calibration": plain_calibration(fitted),
         "grid_search": getattr(model, "cross_validation", None),
         "accelerator": getattr(model, "device", "cpu"),
-    }
+    } | ({"edges": edges} if (edges := list(edges_of(model))) else {})
+
+
+def edges_of(model: Classifier) -> Iterator[str]:
+    """Yield a line for each grid of a fitted classifier at whose edge the best value lies."""
+    found = getattr(model, "cross_validation", None) or {}
+    for key in ("c", "gamma"):
+        grid = getattr(model, f"{key}_grid", ())
+        if len(grid) > 1 and found.get(key) in (min(grid), max(grid)):
+            yield f"{key}={found[key]:g}, the best, lies on the edge of its grid; widen {key}_grid"
 
 
 def evaluate_rows(
@@ -407,6 +433,8 @@ def _report(result: Mapping[str, Any], seconds: float) -> None:
     figures = f"test AUC {test['auc']:.3f}, balanced accuracy {test['balanced_accuracy']:.3f}"
     spent = f"{seconds:.1f} s on {result['accelerator']}"
     print(f"{result['run']}: {spent}, {figures}", file=sys.stderr, flush=True)
+    for line in result.get("edges", ()):
+        print(f"{result['run']}: {line}", file=sys.stderr, flush=True)
     missed = result["operating_point"]["missed"]
     if missed:
         print(f"{result['run']}: {missed}; cut for balanced", file=sys.stderr, flush=True)
