@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from functools import cached_property, partial
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,27 @@ class Dataset:
             for name, entry in files
         ]
         self._starts = np.cumsum([0, *map(len, self._shards[:-1])])
+
+    def __repr__(self) -> str:
+        """Say what it is; what it holds would fill pages."""
+        return f"<Dataset {self.name}: {len(self)} rows, {len(self.columns)} columns>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: what it is, and its columns."""
+        names = ", ".join(f"<code>{escape(name)}</code>" for name in self.columns)
+        return f"<p>{escape(repr(self)[1:-1])}</p><p>{names}</p>"
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the fields that hold one figure a row; others are tensors."""
+        known = self._shards[0].dtype
+        return [name for name in known.names or () if known[name].shape == ()]
+
+    def to_pandas(self) -> Any:
+        """Return the columns as a `pandas.DataFrame`; pandas is not installed with echolearn."""
+        from pandas import DataFrame
+
+        return DataFrame({name: self[name] for name in self.columns})
 
     def _check_format(self) -> None:
         """Refuse a set whose manifest or columns are those of another version."""

@@ -70,6 +70,10 @@ class Run:
     metrics: Mapping[str, Any]
     settings: str = ""
 
+    def __repr__(self) -> str:
+        """Say what it is; its metrics would fill pages."""
+        return f"<Run {self.identity}>"
+
     @property
     def identity(self) -> str:
         """Name that tells this run from all others, that of its folder."""

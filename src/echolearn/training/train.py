@@ -432,9 +432,8 @@ def _report(result: Mapping[str, Any], seconds: float) -> None:
     test = result["test"]
     figures = f"test AUC {test['auc']:.3f}, balanced accuracy {test['balanced_accuracy']:.3f}"
     spent = f"{seconds:.1f} s on {result['accelerator']}"
-    print(f"{result['run']}: {spent}, {figures}", file=sys.stderr, flush=True)
-    for line in result.get("edges", ()):
-        print(f"{result['run']}: {line}", file=sys.stderr, flush=True)
+    told = "; ".join([f"{spent}, {figures}", *result.get("edges", ())])
+    print(f"{result['run']}: {told}", file=sys.stderr, flush=True)
     missed = result["operating_point"]["missed"]
     if missed:
         print(f"{result['run']}: {missed}; cut for balanced", file=sys.stderr, flush=True)

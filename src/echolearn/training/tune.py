@@ -18,7 +18,6 @@ import math
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -153,9 +152,15 @@ def _try(study: "optuna.Study", trial: Any, *, order: Tuning) -> None:
 
     from echolearn.training.trials import suggested
 
+    def watch(epoch: int, figure: float) -> None:
+        """Note a network's figure of an epoch; stop it if others were better there."""
+        trial.report(figure, epoch)
+        if trial.should_prune():
+            raise Stopped
+
     values = suggested(study, trial, space=order.space, seed=order.seed)
     try:
-        value = score(order, values, watch=partial(_watch, trial))
+        value = score(order, values, watch=watch)
         check(math.isfinite(value), order.metric, value, allowed="must be a number")
     except Stopped:
         study.tell(trial, state=TrialState.PRUNED)
@@ -172,13 +177,6 @@ def _try(study: "optuna.Study", trial: Any, *, order: Tuning) -> None:
 
 def _short(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else json.dumps(value)
-
-
-def _watch(trial: Any, epoch: int, figure: float) -> None:
-    """Note a network's figure of an epoch; raise `Stopped` if others were better there."""
-    trial.report(figure, epoch)
-    if trial.should_prune():
-        raise Stopped
 
 
 def score(
