@@ -3,6 +3,7 @@
 from collections.abc import Collection
 from functools import cached_property, partial
 from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -73,9 +74,9 @@ class Dataset:
 
     def to_pandas(self) -> Any:
         """Return the columns as a `pandas.DataFrame`; pandas is not installed with echolearn."""
-        from pandas import DataFrame
-
-        return DataFrame({name: self[name] for name in self.columns})
+        # No library of echolearn's: whoever asks for a table of it has it.
+        frame: Any = import_module("pandas").DataFrame
+        return frame({name: self[name] for name in self.columns})
 
     def _check_format(self) -> None:
         """Refuse a set whose manifest or columns are those of another version."""
