@@ -18,7 +18,7 @@ SETS := paper,paper_planar,scattered,offgrid_10x8x6,offgrid_8x6x5,offgrid_13x11x
 # Classifiers that are cross-validated, too, as in the paper: those that fit in seconds.
 CROSSED := s*,t*
 # Those for sets of their own (`plan=varied`): they are no rows of the paper's comparison.
-LATER := *_ideal,*_cfar,*_invariant,ensemble,mapnet,posenet
+LATER := walls_*,*_ideal,*_cfar,*_invariant,ensemble,mapnet,posenet
 # The rooms that are mapped.
 MAPPED := 8x6x5,13x11x5
 

@@ -19,7 +19,9 @@ ROOMS = """
 """.split()
 """The rooms, from the street to the ground: each imports only rooms below it."""
 
-ROBOT = "robot mapping survey evaluation localization runtime storage acoustics checks".split()
+ROBOT = (
+    "robot walls mapping survey evaluation localization runtime storage acoustics checks".split()
+)
 """Rooms that run on a robot, where the libraries of the others are not installed."""
 
 OWNERS = {
@@ -32,9 +34,10 @@ OWNERS = {
     "onnx": ["bench", "classifiers"],
     "onnxruntime": ["classifiers", "robot"],
     "pyroomacoustics llvmlite": ["simulation"],
-    "numba": ["simulation", "localization"],
+    "numba": ["simulation", "localization", "walls"],
     "soundfile": ["survey", "simulation"],
     "rir_generator": ["bench"],
+    "optuna": ["training"],
     "matplotlib": ["comparison", "studies", "training"],
     "jinja2": ["comparison"],
     "rich dask distributed threadpoolctl": ["runtime"],

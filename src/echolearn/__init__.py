@@ -19,13 +19,43 @@ Conventions, valid everywhere:
 - The label `reflector` is True for a wall (the paper's class 0), False for a spurious estimate
   (class 1).
 
-This module imports nothing that takes time, so `import echolearn` costs nothing.
+This module imports nothing that takes time, so `import echolearn` costs nothing; the names of
+`PUBLIC` are loaded when they are first used (`docs/library.md`).
 """
 
 import sys
+from importlib import import_module
 
 if sys.platform == "win32":
     # Locks, signals and limits of memory are those of POSIX.
     raise ImportError("echolearn needs Linux or macOS; on Windows, install it in WSL")
 
 __version__ = "0.2.0"
+
+PUBLIC = {
+    "MicArray": "acoustics.types.MicArray",
+    "Observation": "acoustics.types.Observation",
+    "PolygonRoom": "acoustics.polygon_room.PolygonRoom",
+    "Pose": "acoustics.types.Pose",
+    "Room": "acoustics.types.Room",
+    "localize": "robot.by_name.localize_named",
+    "open_bundle": "comparison.opening.bundle_named",
+    "open_run": "comparison.opening.run_named",
+    "open_set": "comparison.opening.set_named",
+    "open_survey": "comparison.opening.survey_named",
+    "simulate": "simulation.by_hand.simulate",
+}
+"""What `import echolearn as el` offers, and where each stands; `__init__.pyi` tells their types."""
+
+
+def __getattr__(name: str) -> object:
+    """Return a public name, loaded now."""
+    if name not in PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, _, attribute = PUBLIC[name].rpartition(".")
+    return getattr(import_module(f"{__name__}.{module}"), attribute)
+
+
+def __dir__() -> list[str]:
+    """Return the names that this module has or can load."""
+    return sorted([*globals(), *PUBLIC])

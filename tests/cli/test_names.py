@@ -7,7 +7,9 @@ import pytest
 from echolearn.cli.commands import COMMANDS
 from echolearn.cli.config import UsageError
 from echolearn.cli.main import composed, main, parse
+from echolearn.cli.names import chosen_runs
 from echolearn.storage.advice import PLACES
+from echolearn.training.variants import variant_text
 
 
 def named(line):
@@ -54,6 +56,49 @@ def test_jobs_are_named_after_what_the_sweep_varies(row):
     line, names = row.split(" | ")
     found = [f"{name}".replace(" ", "-") for name in named(line)]
     assert found == names.split()
+
+
+VARIED = """
+train -m seed=0,1 | - -
+train -m classifier=svm_pair classifier.c_grid=[1],[10] | c1 c10
+train -m classifier=svm_pair classifier.c_grid=[1],[10] seed=0,1 | c1 c1 c10 c10
+train -m classifier=svm_pair,mlp_pair aim=balanced | - -
+train -m classifier=mlp_pair classifier.net.widths=[32,32],[64] classifier.lr=0.01 | \
+    widths32_32 widths64
+train -m classifier=mlp_pair -- classifier.lr=0.01 -- seed=1 | lr0.01 -
+train -m aim=balanced,"precision 0.8" | aim_balanced aim_precision_0.8
+"""
+
+
+@pytest.mark.parametrize("row", VARIED.replace("\\\n", "").strip().splitlines())
+def test_trainings_tell_what_a_sweep_varies_of_the_model(row):
+    line, expected = row.split(" | ")
+    options, _, sweeps = parse(shlex.split(line)[1:])
+    jobs = composed("train", sweeps, options=options)
+    assert [variant_text(job["varied"]) or "-" for _, job in jobs] == expected.split()
+
+
+CHOSEN = [
+    ("runs", ("runs", [])),
+    ("trees_*,mlp_*", ("runs", ["trees_*", "mlp_*"])),
+    ("a,b", ("runs", ["a", "b"])),
+    ("else/trees_*", ("else", ["trees_*"])),
+    ("else/train/trees_*,else/x", ("else", ["trees_*", "x"])),
+]
+
+
+@pytest.mark.parametrize(("typed", "expected"), CHOSEN)
+def test_runs_of_a_comparison_are_a_folder_or_names_in_it(typed, expected):
+    """As they are typed, without -m and without quotes of Hydra's."""
+    options, _, sweeps = parse([f"runs={typed}", "select=best"])
+    [(_, job)] = composed("compare", sweeps, options=options)
+    place, names = chosen_runs(job["runs"])
+    assert (str(place), names) == expected
+
+
+def test_names_of_runs_in_several_folders_are_refused():
+    with pytest.raises(UsageError, match=r"^runs=a/x,b/y: must be names of runs in one folder"):
+        chosen_runs("a/x,b/y")
 
 
 def test_names_that_would_be_too_long_end_in_a_digest():

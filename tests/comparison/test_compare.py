@@ -22,6 +22,7 @@ from echolearn.comparison.compare import (
     look_closer,
 )
 from echolearn.comparison.drawings import draw_all
+from echolearn.comparison.evaluate import Inputs
 from echolearn.comparison.examined_figures import draw_examined
 from echolearn.comparison.finding import find_set, find_survey
 from echolearn.comparison.rivals import against_baseline
@@ -180,7 +181,8 @@ def flip(path):
 
 def test_the_number_of_workers_changes_nothing(world, comparison, compared):
     folders = {dataset.digest: dataset.folder for dataset in world.sets.values()}
-    examined = look_closer(comparison, trained=folders, plan_of=lambda dataset: None, resamples=50)
+    inputs = Inputs({}, {}, {}, {}, {}, trained=folders)
+    examined = look_closer(comparison, inputs, plan_of=lambda dataset: None, resamples=50)
     drawings = draw_all(comparison) | draw_examined(examined, comparison)
     made = report.make(comparison, drawings=drawings, name="small", examined=examined)
     made |= examined_files(examined, comparison)

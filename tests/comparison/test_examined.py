@@ -8,6 +8,7 @@ import pytest
 
 from echolearn.comparison import examined_figures, importance, shifts, warnings, worst
 from echolearn.comparison.compare import examined_files, look_closer
+from echolearn.comparison.evaluate import Inputs
 from echolearn.comparison.examined import learning_curves
 from echolearn.comparison.ranking import Ranking, rank_models
 from echolearn.dataset.records import records
@@ -253,8 +254,9 @@ def test_a_loud_echo_is_bright_where_its_wall_is():
 def test_every_figure_is_the_same_twice_and_needs_nothing_else(comparison, world):
     folders = {dataset.digest: dataset.folder for dataset in world.sets.values()}
     plan = {each.name: each for each in plans()}
-    known = {"trained": folders, "plan_of": lambda dataset: plan[dataset.name], "resamples": 30}
-    examined = look_closer(comparison, **known)
+    inputs = Inputs({}, {}, {}, {}, {}, trained=folders)
+    known = {"plan_of": lambda dataset: plan[dataset.name], "resamples": 30}
+    examined = look_closer(comparison, inputs, **known)
     ranking = Ranking(list("abcd"), np.array([1, 2, 2.5, 4.5]), 5, 1.2, 0.01, np.ones((4, 4)))
     curve = [row("a", "s", "t", 0.8, train=t, ci_low=0.7, ci_high=0.9) for t in (50, 300)]
 

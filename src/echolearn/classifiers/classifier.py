@@ -27,6 +27,7 @@ Three promises keep all classifiers exchangeable:
   alone.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
@@ -51,6 +52,8 @@ class Examples:
         validation: x and y of positions that are not in `groups`, for early stopping.
         folder: folder of the run, where logs and checkpoints may be left.
         seed: seed of everything random.
+        watch: called after each epoch with its number and a figure of validation rows, the larger
+            the better; whatever it raises ends the fit.
     """
 
     x: Inputs
@@ -59,6 +62,7 @@ class Examples:
     validation: tuple[Inputs, Array]
     folder: Path
     seed: int
+    watch: Callable[[int, float], None] | None = None
 
     def __post_init__(self) -> None:
         check_labels(self.y, len(self.x))

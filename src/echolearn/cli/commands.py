@@ -10,6 +10,7 @@ import shlex
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +48,7 @@ def _train(config: "Config") -> Path:
     from echolearn.storage.identity import by_short_names
     from echolearn.training.split import LearningProblem
     from echolearn.training.train import train
+    from echolearn.training.variants import variant_text
 
     classifier = _without(config["classifier"], config["without"])
     division = built(config, "target seed split test_share validation_share train_rows")
@@ -57,9 +59,48 @@ def _train(config: "Config") -> Path:
         config=by_short_names(classifier),
         runs=Path(config["runs"]),
         microphones=build(config["scene"]["array"], "scene.array").positions,
+        variant=variant_text(config.get("varied", {})),
         **built(config, "name folds calibration aim without command"),
     )
     return Path(config["runs"]) / "train" / str(result["run"])
+
+
+def _tune(config: "Config") -> Path:
+    """Search over a classifier's settings by its validation rows; continues where it was killed."""
+    from echolearn.checks import check
+    from echolearn.cli.config import build
+    from echolearn.cli.own import search_space
+    from echolearn.storage.identity import by_short_names
+    from echolearn.training.search_space import read_space, with_values
+    from echolearn.training.split import LearningProblem
+    from echolearn.training.tune import Tuning, tune
+
+    allowed = "must be there"
+    there = find_spec("optuna") is not None
+    check(there, "library", "optuna", allowed=allowed, hint="pip install 'echolearn[tune]'")
+    classifier = config["classifier"]
+    found, file = search_space(config["choice"]["classifier"])
+    space = read_space(found if config["space"] is None else config["space"], name=file)
+    # A key that is not there is told before any work.
+    with_values(classifier, space)
+    division = built(config, "target seed split test_share validation_share train_rows")
+    order = Tuning(
+        LearningProblem(open_set(config), **division),
+        config["choice"]["classifier"],
+        lambda values: build(with_values(classifier, values), "classifier"),
+        config=by_short_names(classifier),
+        space=space,
+        metric=config["metric"],
+        seed=config["search_seed"],
+    )
+    command = leave_out(("trials=",), config["command"])
+    return tune(
+        order,
+        name=config["name"],
+        runs=Path(config["runs"]),
+        trials=config["trials"],
+        command=shlex.join([*shlex.split(command), f"trials={config['trials']}"]),
+    )
 
 
 def _without(classifier: "Config", columns: list[str]) -> "Config":
@@ -106,10 +147,14 @@ def _import(config: "Config") -> Path:
 
 def _compare(config: "Config") -> None:
     """Compare every trained run on every test set and survey: tables, tests, figures, report."""
+    from echolearn.cli.names import chosen_runs
     from echolearn.comparison.compare import compare
+    from echolearn.training.variants import Wanted
 
+    runs, among = chosen_runs(config["runs"])
     compare(
-        runs=Path(config["runs"]),
+        runs=runs,
+        wanted=Wanted(among, config["select"]),
         readme=path_of(config["readme"]),
         plan_of=_plan_of,
         **built(config, "name tested surveys bundles localizers workers resamples command"),
@@ -300,6 +345,7 @@ def _fitted(order: "Order", config: "Config") -> Path:
 COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
     "generate": _generate,
     "train": _train,
+    "tune": _tune,
     "survey": _survey,
     "import": _import,
     "compare": _compare,

@@ -20,12 +20,20 @@ if TYPE_CHECKING:
 def open_set(config: "Config") -> "Dataset":
     """Open the set of a configuration's plan."""
     from echolearn.checks import check
-    from echolearn.dataset.generate import folder_of
+    from echolearn.dataset.generate import folder_of, generate
+    from echolearn.dataset.hypothesis_records import HypothesisPlan
+    from echolearn.dataset.walk_plan import WalkPlan
+    from echolearn.runtime.engines.processes import Processes
 
-    place = folder_of(**built(config, "plan"), runs=Path(config["runs"]))
+    plan = built(config, "plan")["plan"]
+    place = folder_of(plan, runs=Path(config["runs"]))
     allowed = f"must be a set that exists under {place.parent}"
     hint = f"run: {_generating(config)}"
     check(place.is_dir(), "plan", place.name, allowed=allowed, hint=hint)
+    if isinstance(plan, WalkPlan):
+        # What is learned from walks are their wall hypotheses, sought once and kept.
+        wanted = HypothesisPlan(plan)
+        place = generate(wanted, runs=Path(config["runs"]), engine=Processes(workers=2))
     return opened_set(place.resolve())
 
 

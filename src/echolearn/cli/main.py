@@ -193,7 +193,7 @@ def composed(command: str, sweeps: Sequence[Sequence[str]], *, options: Namespac
     """
     from echolearn.cli.compose import compose
     from echolearn.cli.config import UsageError
-    from echolearn.cli.names import named_apart
+    from echolearn.cli.names import as_one_text, named_apart
 
     jobs: list[Job] = []
     about = {
@@ -202,6 +202,8 @@ def composed(command: str, sweeps: Sequence[Sequence[str]], *, options: Namespac
         "primary": options.config_name,
     }
     for sweep in sweeps:
+        if command == "compare" and not options.m:
+            sweep = [as_one_text(word) for word in sweep]
         jobs += compose(command, sweep, **about)
     for _, config in jobs:
         if not config["runs"].strip():

@@ -5,6 +5,8 @@
 A name that was given holds. Walks, checks and maps whose usual names meet are named after what the
 sweep varies besides: `walk-best-resolution_0.02`. Other commands, whose tables and bundles have a
 name to be known by, leave that to whoever types: two jobs of one name are refused before the first.
+Trained runs tell what a sweep varies of their classifier, `svm_pair-paper-s0-c10-<digest>`; that is
+no part of their identity.
 """
 
 import re
@@ -28,6 +30,46 @@ BY_SWEEP = ("check", "fit", "import", "map", "survey")
 """Commands that name theirs after what a sweep varies, where usual names meet."""
 
 
+SETTINGS = (
+    "classifier.",
+    "+classifier.",
+    "calibration=",
+    "aim=",
+    "test_share=",
+    "validation_share=",
+)
+"""Beginnings of words that make another model of the same name."""
+
+CHOOSING = "*?["
+"""Characters of a pattern of names."""
+
+
+def chosen_runs(text: str) -> tuple[Path, list[str]]:
+    """Return the folder of everything generated and patterns of its runs, from a value of `runs`.
+
+    That is a folder, or names of runs with a * or a comma: `trees_*,mlp_*`, in another folder
+    `elsewhere/trees_*` or `elsewhere/train/trees_*`.
+
+    Raises:
+        UsageError: runs in several folders.
+    """
+    if not {*text} & {*CHOOSING, ","}:
+        return Path(text), []
+    paths = [Path(each.strip()) for each in text.split(",") if each.strip()]
+    places = {path.parent.parent if path.parent.name == "train" else path.parent for path in paths}
+    if len(places) != 1:
+        raise UsageError(f"runs={text}: must be names of runs in one folder")
+    [place] = places
+    return (Path("runs") if place == Path() else place), [path.name for path in paths]
+
+
+def as_one_text(word: str) -> str:
+    """Return a word, several names of runs as the one text that they are, not as a sweep."""
+    key, _, value = word.partition("=")
+    several = key == "runs" and "," in value and value[:1] not in "'\"["
+    return assignment(key, value) if several else word
+
+
 def usual_name(command: str, config: Mapping[str, Any]) -> str:
     """Return the name of the folder that a job makes unless it is given another."""
     if config.get("name") is not None:
@@ -48,8 +90,10 @@ def named_apart(command: str, jobs: Sequence[Job]) -> list[Job]:
     Raises:
         UsageError: two jobs of one name.
     """
-    if command in BY_CONTENT or len(jobs) == 1:
+    if len(jobs) == 1:
         return list(jobs)
+    if command in BY_CONTENT:
+        return with_variants(jobs) if command == "train" else list(jobs)
     meeting = defaultdict(list)
     for job in jobs:
         meeting[_folder(command, job[1])].append(job)
@@ -64,6 +108,36 @@ def named_apart(command: str, jobs: Sequence[Job]) -> list[Job]:
     given = any(word.startswith("name=") for job in jobs for word in _words(job))
     _check_apart(command, found, given=given)
     return found
+
+
+def with_variants(jobs: Sequence[Job]) -> list[Job]:
+    """Return jobs of a training, each with the settings that others of its classifier do not share.
+
+    They stand under the key `varied`; a job that shares all of them has none.
+    """
+    groups = defaultdict(list)
+    for job in jobs:
+        groups[str(job[1].get("name")), str(job[1].get("choice"))].append(_settings(job))
+    shared = {key: set.intersection(*map(set, each)) for key, each in groups.items()}
+    told = []
+    for swept, config in jobs:
+        common = shared[str(config.get("name")), str(config.get("choice"))]
+        own = [word for word in _settings((swept, config)) if word not in common]
+        varied = {key: _value(config, key) for key, _, _ in (word.partition("=") for word in own)}
+        told.append((swept, {**config, "varied": varied}))
+    return told
+
+
+def _settings(job: Job) -> list[str]:
+    """Return the words of a job that set what its classifier and the division of rows are like."""
+    return [word for word in _words(job) if word.startswith(SETTINGS)]
+
+
+def _value(config: Any, key: str) -> Any:
+    """Return the value of a dotted key, an index of a list being a part of it, too."""
+    for part in key.lstrip("+").split("."):
+        config = config[int(part)] if isinstance(config, list) else config[part]
+    return config
 
 
 def _folder(command: str, config: Mapping[str, Any]) -> Path:

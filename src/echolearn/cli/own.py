@@ -10,7 +10,7 @@ class in `mine/nearest.py`. What stands there is trusted like what is typed.
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hydra.core.config_search_path import ConfigSearchPath
@@ -63,6 +63,29 @@ def file_of(name: str) -> Path | None:
     """Return the file of a name such as `classifier/svm_pair`, if there is one."""
     files = [place / f"{name}.yaml" for place in folders()]
     return next(filter(Path.is_file, files), None)
+
+
+def search_space(classifier: str) -> tuple[Any, str]:
+    """Return what a search over a classifier's settings may try, and the file that says so.
+
+    That is `classifier/search/<name>.yaml`, of the classifier or of the one that it begins with.
+
+    Raises:
+        BadValue: neither of them has such a file.
+    """
+    import yaml
+
+    from echolearn.checks import check
+
+    name = classifier
+    while (file := file_of(f"classifier/search/{name}")) is None:
+        own = file_of(f"classifier/{name}")
+        bases = yaml.safe_load(own.read_text()).get("defaults", []) if own else []
+        plain = [base for base in bases if isinstance(base, str) and base != "_self_"]
+        allowed = f"must have a file classifier/search/{classifier}.yaml, or space= given"
+        check(bool(plain), "classifier", classifier, allowed=allowed)
+        name = plain[0]
+    return yaml.safe_load(file.read_text()), str(file.name)
 
 
 def teach_hydra() -> None:

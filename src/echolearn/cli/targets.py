@@ -29,7 +29,7 @@ KINDS = {
     "loudspeaker": "echolearn.acoustics.types.Probe",
     "net": "echolearn.classifiers.architectures.Recipe",
     "noise": "echolearn.acoustics.types.Noise",
-    "plan": "echolearn.dataset.plans.Plan",
+    "plan": "echolearn.dataset.generate.AnyPlan",
     "probe": "echolearn.acoustics.types.Probe",
     "realism": "echolearn.simulation.realism.Realism",
     "realistic": "echolearn.simulation.realism.Realism",

@@ -43,7 +43,7 @@ from echolearn.storage.manifests import (
 )
 from echolearn.storage.marked_page import around
 from echolearn.storage.once import once
-from echolearn.training.runs import load_runs
+from echolearn.training.variants import EVERY, Wanted, find_runs, selection_lines
 
 ABOUT = " role method split target kind set_role room localizer train_rows without"
 """Columns of both tables that tell what a row is about, so that no name need be taken apart."""
@@ -62,6 +62,7 @@ def compare(
     localizers: Mapping[str, Localizer],
     runs: Path,
     bundles: Sequence[str] = (),
+    wanted: Wanted = EVERY,
     resamples: int = 1000,
     workers: int = 1,
     readme: Path | None = None,
@@ -77,26 +78,25 @@ def compare(
         localizers: localizers by name, by each of which surveys are localized.
         runs: folder of everything generated.
         bundles: names or folders of bundles, which are compared beside the runs.
+        wanted: which of the trained runs.
         resamples, workers: bootstrap draws behind intervals; processes.
         readme: a file whose results table, between markers, is replaced.
         plan_of: the plan that a set was made by, if known, to draw errors from.
         command: what makes the comparison again, for its manifest; None says nothing about it.
 
     Raises:
-        BadValue: a set, survey or bundle that is missing or damaged, no trained runs, or several
-            that differ in their settings but not in their name, a README without the markers.
+        BadValue: a set, survey or bundle that is missing or damaged, no runs, no markers.
     """
     lists = {"tested": tested, "surveys": surveys, "bundles": bundles}
     _check(name, lists, readme=readme, resamples=resamples, workers=workers)
-    inputs = load_inputs(Path(runs), **lists, localizers=localizers)
+    inputs = load_inputs(Path(runs), **lists, localizers=localizers, wanted=wanted)
     known = identity(inputs) | {"resamples": resamples, "report": report.FORMAT}
     folder = Path(runs) / "compare" / name
 
     def make() -> Contents:
         """Evaluate everything, write the comparison, and return what of it is shown."""
         comparison = evaluate(inputs, resamples=resamples, workers=workers)
-        more: Any = {"trained": inputs.trained, "plan_of": plan_of, "resamples": resamples}
-        examined = look_closer(comparison, **more)
+        examined = look_closer(comparison, inputs, plan_of=plan_of, resamples=resamples)
         about = {"kind": "comparison", "inputs": known, **command_entry(command)}
         return _write(folder, comparison, examined=examined, about=about)
 
@@ -139,15 +139,12 @@ def load_inputs(
     surveys: Sequence[str],
     localizers: Mapping[str, Localizer],
     bundles: Sequence[str] = (),
+    wanted: Wanted = EVERY,
 ) -> Inputs:
-    """Return all finished runs and the bundles, by model, and what is asked for.
+    """Return the finished runs and the bundles, by model, and what is asked for.
 
     Args:
-        runs: folder of everything generated.
-        tested: names of labelled sets.
-        surveys: names of surveys.
-        bundles: names or folders of bundles.
-        localizers: localizers by name.
+        runs, tested, surveys, localizers, bundles, wanted: as those of `compare`.
 
     Raises:
         BadValue: something is missing or damaged.
@@ -157,7 +154,7 @@ def load_inputs(
     from echolearn.robot.examination import examine_run
 
     models = defaultdict(list)
-    finished = load_runs(runs)
+    finished, selected = find_runs(runs, wanted)
     for run in finished:
         # Before any work, and once for all processes.
         examine_run(run.folder, run.metrics["sha256"])
@@ -180,6 +177,7 @@ def load_inputs(
         localizers,
         {run.data_digest: robot for run, robot in found} | robots,
         trained,
+        selected,
     )
 
 
@@ -212,6 +210,8 @@ def identity(inputs: Inputs) -> dict[str, Any]:
     # bundles.
     examined = any(map(is_examined, inputs.surveys.values()))
     later = ({"bundles": bundles} if bundles else {}) | ({"examined": True} if examined else {})
+    if inputs.selected:
+        later["selected"] = {model.classifier: n for model, n in inputs.selected.items()}
     return later | {
         "runs": {run.identity: run.metrics["model"]["sha256"] for run in runs},
         "sets": {key: dataset.digest for key, dataset in inputs.sets.items()},
@@ -263,23 +263,24 @@ def _write(
 
 
 def look_closer(
-    comparison: Comparison, *, trained: Mapping[str, Path], plan_of: PlanOf, resamples: int
+    comparison: Comparison, inputs: Inputs, *, plan_of: PlanOf, resamples: int
 ) -> Examined:
     """Look at a comparison more closely.
 
     Args:
         comparison: what was found.
-        trained: folders of training sets by their digests.
+        inputs: what it was found of.
         plan_of: the plan that a set was made by.
         resamples: bootstrap draws behind intervals.
     """
-    moved = list(shift_rows(comparison, trained))
+    moved = list(shift_rows(comparison, inputs.trained))
     return Examined(
         rank_models(comparison),
         importance=list(importance_rows(comparison, resamples=resamples)),
         shifts=moved,
         worst=worst_errors(comparison, plan_of),
-        warnings=all_warnings(comparison, trained=trained, shifts=moved),
+        warnings=all_warnings(comparison, trained=inputs.trained, shifts=moved),
+        selected=selection_lines(inputs.selected),
     )
 
 

@@ -73,6 +73,7 @@ class Inputs:
         localizers: localizers by name; the points of the first one are tested in pairs.
         robots: robots of training sets, by the sets' digests.
         trained: folders of these sets, likewise.
+        selected: of how many settings a model that was selected is the best.
     """
 
     models: Models
@@ -82,6 +83,7 @@ class Inputs:
     localizers: Mapping[str, Localizer]
     robots: Mapping[str, Robot] = field(default_factory=dict)
     trained: Mapping[str, Path] = field(default_factory=dict)
+    selected: Mapping[Model, int] = field(default_factory=dict)
 
 
 class Evaluation(NamedTuple):

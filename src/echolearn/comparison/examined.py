@@ -61,6 +61,7 @@ class Examined:
         shifts: rows of `shifts.csv`.
         worst: errors of which the chosen model was surest.
         warnings: what a reader should know first.
+        selected: lines on models that stand for others of other settings.
     """
 
     ranking: Ranking | None = None
@@ -68,6 +69,7 @@ class Examined:
     shifts: Sequence[Row] = ()
     worst: Worst = Worst([], [])
     warnings: Sequence[Warned] = ()
+    selected: Sequence[str] = ()
 
 
 def examined_facts(examined: Examined, comparison: Comparison) -> dict[str, Any]:
@@ -79,6 +81,7 @@ def examined_facts(examined: Examined, comparison: Comparison) -> dict[str, Any]
         "important": examined.importance,
         "worst_rows": examined.worst.rows,
         "warnings": examined.warnings,
+        "selected": examined.selected,
         "codes": CODES,
         "pooled": pooled_lines(comparison, source),
         "best_rival": closely(comparison.models, comparison.roles)

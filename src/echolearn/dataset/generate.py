@@ -4,7 +4,8 @@
 
 Row i of a set depends on `SeedSequence(plan.seed, spawn_key=(i,))` alone, and shards are always
 computed whole and with one thread, so the bytes are the same for any engine, any number of workers
-and any interruption. A shard is one structured array, a record per echo.
+and any interruption. A shard is one structured array, a record per echo, or per walk where the plan
+is of walks.
 """
 
 import json
@@ -14,13 +15,18 @@ from contextlib import closing
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from echolearn.checks import check
+from echolearn.dataset.hypothesis_records import HypothesisPlan, hypothesis_records
 from echolearn.dataset.labelled_set import FORMAT
 from echolearn.dataset.plans import Plan
 from echolearn.dataset.records import records
+from echolearn.dataset.walk_plan import WalkPlan
+from echolearn.dataset.walk_records import walk_records
+from echolearn.dataset.walk_set import KIND as WALKS
 from echolearn.localization.localizer import returned
 from echolearn.runtime.engine import Engine
 from echolearn.runtime.progress import track
@@ -28,6 +34,11 @@ from echolearn.storage import manifests
 from echolearn.storage.files import clean
 from echolearn.storage.identity import canonical, plain
 from echolearn.storage.once import presence
+
+AnyPlan = Plan | WalkPlan
+
+Made = AnyPlan | HypothesisPlan
+"""All that sets are made of; the last is no plan of a user, but follows from that of its walks."""
 
 BLOCK = 16
 """Most rows whose recordings are held at a time: what is computed of few stays near the processor.
@@ -42,7 +53,7 @@ PATIENCE = 60.0
 SHARED = "a folder that all workers see and write to at the same path; some worker does not"
 
 
-def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = None) -> Path:
+def generate(plan: Made, *, runs: Path, engine: Engine, command: str | None = None) -> Path:
     """Make the set of a plan; finished shards are kept, a finished set is skipped.
 
     Args:
@@ -68,7 +79,7 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
     clean(folder)
     if manifests.is_finished(folder):
         # Its digest is that of its plan: a folder that was renamed holds the rows of another.
-        own = manifests.load_manifest(folder).get("plan") == json.loads(canonical(plain(plan)))
+        own = manifests.load_manifest(folder).get("plan") == json.loads(canonical(plan_entry(plan)))
         allowed = "must hold the set of its own plan"
         check(own, "folder", folder, allowed=allowed, hint="was it renamed or copied? remove it")
     missing = manifests.missing_shards(folder, count)
@@ -84,27 +95,59 @@ def generate(plan: Plan, *, runs: Path, engine: Engine, command: str | None = No
         _await([manifests.sidecar(folder / manifests.shard_name(shard)) for shard in missing])
 
     if missing or not manifests.is_finished(folder):
-        rows = len(plan) * returned(plan.localizer)
-        about = {"kind": "set", "format": FORMAT, "rows": rows, "plan": plain(plan)}
-        about["microphones"] = plan.scene.array.positions.tolist()
+        about = _about(plan, folder, count=count) | manifests.command_entry(command)
         names = map(manifests.shard_name, range(count))
-        manifests.finish(folder, about | manifests.command_entry(command), files=names)
+        manifests.finish(folder, about, files=names)
     return folder
 
 
-def folder_of(plan: Plan, runs: Path) -> Path:
+def _about(plan: Made, folder: Path, *, count: int) -> dict[str, Any]:
+    """Return what the manifest of a set in a folder of so many shards says of it."""
+    kind, scene, rows = "set", _walks(plan).scene, len(plan)
+    if isinstance(plan, WalkPlan):
+        kind = WALKS
+    elif isinstance(plan, HypothesisPlan):
+        # How many there are shows when all have been sought.
+        shards = map(manifests.shard_name, range(count))
+        rows = sum(len(np.load(folder / name, mmap_mode="r")) for name in shards)
+    else:
+        rows *= returned(plan.localizer)
+    about: dict[str, Any] = {"kind": kind, "format": FORMAT, "rows": rows, "plan": plan_entry(plan)}
+    return about | {"microphones": scene.array.positions.tolist()}
+
+
+def plan_entry(plan: Made) -> dict[str, Any]:
+    """Return a plan as its manifest has it: that of hypotheses has the name and role of a set."""
+    about: dict[str, Any] = plain(plan)
+    if isinstance(plan, HypothesisPlan):
+        about |= {"name": f"{plan.walks.name}_hypotheses", "role": plan.walks.role}
+    return about
+
+
+def _walks(plan: Made) -> AnyPlan:
+    """Return the plan of what was recorded."""
+    return plan.walks if isinstance(plan, HypothesisPlan) else plan
+
+
+def folder_of(plan: Made, runs: Path) -> Path:
     """Return the folder of a plan's set, named after the digest of the plan."""
-    return Path(runs) / "data" / manifests.set_name({"format": FORMAT, "plan": plain(plan)})
+    return Path(runs) / "data" / manifests.set_name({"format": FORMAT, "plan": plan_entry(plan)})
 
 
-def _write(shard: int, *, plan: Plan, mark: Path) -> None:
+def _write(shard: int, *, plan: Made, mark: Path) -> None:
     """Write one shard beside the mark by which a worker knows the folder."""
     check(mark.is_file(), "runs", mark.parent, allowed=SHARED)
     rows = range(len(plan))[shard * plan.shard_rows :][: plan.shard_rows]
-    # A device is given all at once: it idles over few.
-    parts = row_blocks(rows) if plan.matched_filters == "compiled" else [rows]
-    blocks = [records(plan, part) for part in parts]
-    manifests.write_shard(mark.parent, shard, array=np.concatenate(blocks))
+    if isinstance(plan, WalkPlan):
+        table = walk_records(plan, rows)
+    elif isinstance(plan, HypothesisPlan):
+        source = folder_of(plan.walks, mark.parents[2])
+        table = hypothesis_records(plan, rows, source=source)
+    else:
+        # A device is given all at once: it idles over few.
+        parts = row_blocks(rows) if plan.matched_filters == "compiled" else [rows]
+        table = np.concatenate([records(plan, part) for part in parts])
+    manifests.write_shard(mark.parent, shard, array=table)
 
 
 def row_blocks(rows: range) -> Iterator[range]:

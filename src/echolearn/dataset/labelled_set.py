@@ -2,6 +2,8 @@
 
 from collections.abc import Collection
 from functools import cached_property, partial
+from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +57,27 @@ class Dataset:
         ]
         self._starts = np.cumsum([0, *map(len, self._shards[:-1])])
 
+    def __repr__(self) -> str:
+        """Say what it is; what it holds would fill pages."""
+        return f"<Dataset {self.name}: {len(self)} rows, {len(self.columns)} columns>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: what it is, and its columns."""
+        names = ", ".join(f"<code>{escape(name)}</code>" for name in self.columns)
+        return f"<p>{escape(repr(self)[1:-1])}</p><p>{names}</p>"
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the fields that hold one figure a row; others are tensors."""
+        known = self._shards[0].dtype
+        return [name for name in known.names or () if known[name].shape == ()]
+
+    def to_pandas(self) -> Any:
+        """Return the columns as a `pandas.DataFrame`; pandas is not installed with echolearn."""
+        # No library of echolearn's: whoever asks for a table of it has it.
+        frame: Any = import_module("pandas").DataFrame
+        return frame({name: self[name] for name in self.columns})
+
     def _check_format(self) -> None:
         """Refuse a set whose manifest or columns are those of another version."""
         found = self.manifest.get("format")
@@ -73,7 +96,8 @@ class Dataset:
     @property
     def echoes(self) -> int:
         """Number of records of each observation."""
-        echoes = self.manifest["plan"]["localizer"].get("echoes", 1)
+        # Hypotheses of walls come from no localizer.
+        echoes = self.manifest["plan"].get("localizer", {}).get("echoes", 1)
         return echoes if isinstance(echoes, int) else 1
 
     @cached_property

@@ -31,16 +31,13 @@ from echolearn.checks import (
     check_range,
 )
 from echolearn.dataset.drawn_rooms import ECHOES, ROOMY, drawn_place, drawn_room
+from echolearn.dataset.roles import ROLES
 from echolearn.localization.columns import FURTHER
 from echolearn.localization.localizer import Localizer
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.realism import Realism
 from echolearn.simulation.scene import Scene
 from echolearn.storage.identity import LATER
-
-ROLES = ("training", "grid", "test")
-"""What a set is for: `training` classifiers that are to be used; `grid`, positions on a grid as in
-the paper, where few distances from the walls can be memorised; `test` alone, never training."""
 
 MATCHED_FILTERS = ("compiled", "cuda", "cpu")
 """What can compute matched filters: compiled transforms, or torch on one of its devices."""
@@ -100,7 +97,7 @@ class GridPlan:
         shard_rows: rows stored in one file.
         sdnr_db: range of a uniform SDNR per row if the scene has diffuse noise, else None.
         pings: number of recordings averaged for each row; the levels are those of one.
-        role: what the set is for, see `ROLES`; no row depends on it.
+        role: what the set is for, see `roles.ROLES`; no row depends on it.
         realism: ranges of what is not ideal; each row draws its own.
         further: names of what rows hold besides the columns and tensors of every set, of `FURTHER`.
         matched_filters: what computes them, of `MATCHED_FILTERS`.
@@ -198,7 +195,7 @@ class ScatteredPlan:
         shard_rows: rows stored in one file.
         sdnr_db: range of a uniform SDNR if the scene has diffuse noise, else None.
         pings: number of recordings averaged for each row; the levels are those of one.
-        role: what the set is for, see `ROLES`; no row depends on it.
+        role: what the set is for, see `roles.ROLES`; no row depends on it.
         realism: ranges of what is not ideal; each row draws its own.
         further: names of what rows hold besides the columns and tensors of every set, of `FURTHER`.
         matched_filters: what computes them, of `MATCHED_FILTERS`.

@@ -21,6 +21,7 @@ from echolearn.storage.files import MEND
 PLACES = {
     "generate": "data",
     "train": "train",
+    "tune": "tune",
     "survey": "survey",
     "import": "survey",
     "compare": "compare",

@@ -181,7 +181,7 @@ def check_own_name(folder: Path, manifest: Mapping[str, Any]) -> None:
     Surveys, bundles and maps may have any name, and so may a set whose name ends in no digest.
     """
     named = manifest.get("run")
-    if manifest.get("kind") == "set" and isinstance(manifest.get("plan"), dict):
+    if manifest.get("kind") in ("set", "walks") and isinstance(manifest.get("plan"), dict):
         named = set_name(manifest)
     elif "kind" in manifest:
         return

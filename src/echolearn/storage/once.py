@@ -90,6 +90,29 @@ def locked(path: Path, *, waiting: str = "") -> Iterator[Path]:
 
 
 @contextmanager
+def claimed(path: Path) -> Iterator[bool]:
+    """Yield whether nobody else is within this block for the same path; who is keeps others out.
+
+    Args:
+        path: what is claimed; it need not exist, but its folder must.
+    """
+    file = Path(path).parent / f".{Path(path).name}.lock"
+    lock = FileLock(file, fallback_to_soft=False)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        # While it is held, as in `locked`.
+        with suppress(OSError):
+            file.unlink()
+        lock.release()
+
+
+@contextmanager
 def presence(folder: Path) -> Iterator[Path]:
     """Keep a file in a folder by which others, on other machines too, know that they see the same.
 

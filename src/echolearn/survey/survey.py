@@ -87,6 +87,15 @@ class Survey:
     window: SearchWindow = SearchWindow()
     played: str | None = None
 
+    def __repr__(self) -> str:
+        """Say what it is; its fields would fill pages."""
+        about = f"{len(self)} poses, {len(self.array.positions)} microphones"
+        return f"<Survey {self.folder.name}: {about}, {self.probe.sample_rate:g} Hz>"
+
+    def __len__(self) -> int:
+        """Return the number of poses, P."""
+        return len(self.poses)
+
     def observe(self, poses: Sequence[int]) -> Observation:
         """Read the recordings of the numbered poses, samples (B, M, N), without the direct path.
 

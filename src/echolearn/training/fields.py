@@ -8,7 +8,7 @@ from echolearn.storage.tables import nullable
 SHARE = partial(check_number, low=0.01, high=0.9)
 FIELDS = {
     "dataset": ...,
-    "target": ("reflector", "on_map", "time_and_direction"),
+    "target": ("reflector", "on_map", "time_and_direction", "is_wall"),
     "seed": partial(check_whole, low=0, high=2**31 - 1),
     "split": ("position", "row"),
     "test_share": SHARE,

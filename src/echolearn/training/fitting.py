@@ -6,7 +6,7 @@
 A fold is fitted, calibrated and cut as the run itself is.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -46,19 +46,34 @@ def fit_calibrated(
         folder: place of the classifier's own logs.
         calibration, aim: as those of `train`.
     """
+    examples = examples_of(model, problem, parts=parts, folder=folder)
+    model.fit(examples)
+    return calibrate(model, *examples.validation, method=calibration, aim=read_aim(aim))
+
+
+def examples_of(
+    model: Classifier, problem: LearningProblem, *, parts: Parts, folder: Path, **about: Any
+) -> Examples:
+    """Return what a classifier learns from.
+
+    Args:
+        model: classifier, unfitted.
+        problem: what to learn.
+        parts: rows of the problem's set.
+        folder: place of the classifier's own logs.
+        about: further fields, as `watch`.
+    """
     x = problem.inputs(model.inputs)
     y = problem.labels()
-    unseen = (x.part(parts.validation), y[parts.validation])
-    examples = Examples(
+    return Examples(
         x.part(parts.train),
         y[parts.train],
         groups=problem.groups()[parts.train],
-        validation=unseen,
+        validation=(x.part(parts.validation), y[parts.validation]),
         folder=folder,
         seed=problem.seed,
+        **about,
     )
-    model.fit(examples)
-    return calibrate(model, *unseen, method=calibration, aim=read_aim(aim))
 
 
 def facts_of(fitted: Calibrated) -> Metrics:
@@ -74,7 +89,16 @@ def facts_of(fitted: Calibrated) -> Metrics:
         "calibration": plain_calibration(fitted),
         "grid_search": getattr(model, "cross_validation", None),
         "accelerator": getattr(model, "device", "cpu"),
-    }
+    } | ({"edges": edges} if (edges := list(edges_of(model))) else {})
+
+
+def edges_of(model: Classifier) -> Iterator[str]:
+    """Yield a line for each grid of a fitted classifier at whose edge the best value lies."""
+    found = getattr(model, "cross_validation", None) or {}
+    for key in ("c", "gamma"):
+        grid = getattr(model, f"{key}_grid", ())
+        if len(grid) > 1 and found.get(key) in (min(grid), max(grid)):
+            yield f"{key}={found[key]:g}, the best, lies on the edge of its grid; widen {key}_grid"
 
 
 def evaluate_rows(

@@ -17,6 +17,7 @@ from echolearn.storage import manifests
 from echolearn.storage.identity import digest
 from echolearn.storage.tables import check_plain
 from echolearn.training.fields import FIELDS
+from echolearn.walls.nouns import GEOMETRY, SOUND
 
 FORMAT = 4
 """Version of the run folder; part of every digest."""
@@ -25,7 +26,7 @@ FORMAT = 4
 def check_input_names(name: str, value: Any) -> None:
     """Raise `BadValue` unless a value lists columns that are there once, or one tensor."""
     check_list(name, value)
-    known = (*EVERY_COLUMN, *SEVERAL)
+    known = (*EVERY_COLUMN, *SEVERAL, *SOUND, *GEOMETRY)
     columns = all(each in known for each in value[: len(known)])
     once = 0 < len(value) <= len(known) and len({*map(str, value)}) == len(value)
     tensor = len(value) == 1 and value[0] in EVERY_TENSOR
@@ -50,6 +51,7 @@ TABLE: dict[str, Any] = {
 OPTIONAL: dict[str, Any] = {
     "train_rows": FIELDS["train_rows"],
     "without": check_input_names,
+    "variant": check_name,
 }
 """What is read where it is there: how a training differs from the usual one of its name."""
 
@@ -61,15 +63,26 @@ class Run:
     Attributes:
         folder: where it lies.
         metrics: content of its `metrics.json`.
+        settings: by what it is told from others of one name and variant, or nothing.
     """
 
     folder: Path
     metrics: Mapping[str, Any]
+    settings: str = ""
+
+    def __repr__(self) -> str:
+        """Say what it is; its metrics would fill pages."""
+        return f"<Run {self.identity}>"
 
     @property
     def identity(self) -> str:
         """Name that tells this run from all others, that of its folder."""
         return self.folder.name
+
+    @property
+    def variant(self) -> str:
+        """What a sweep varied for it, as in its name."""
+        return str(self.metrics.get("variant", ""))
 
     @property
     def model(self) -> Model:
@@ -78,7 +91,8 @@ class Run:
         without = " ".join(self.metrics.get("without", ()))
         rows = str(self.metrics.get("train_rows") or "")
         model = Model(*map(self.metrics.__getitem__, told))
-        return model._replace(train_rows=rows, without=without)
+        name = "-".join(filter(None, (model.classifier, self.variant, self.settings)))
+        return model._replace(classifier=name, train_rows=rows, without=without)
 
     @property
     def seed(self) -> int:
@@ -158,19 +172,11 @@ def load_runs(runs: Path) -> list[Run]:
     """Return every finished run under `runs/train` whose set is still there, by name.
 
     Raises:
-        BadValue: one is damaged or renamed, or two differ in nothing but their settings.
+        BadValue: one is damaged or renamed.
     """
     sets = (runs / "data").glob(f"*/{manifests.MANIFEST}")
     present = {digest(manifests.load_manifest(path.parent)["files"]) for path in sets}
     found = [run for run in finished_runs(runs) if run.data_digest in present]
-    first: dict[tuple[Model, int], str] = {}
-    for run in found:
-        # With other settings, or outdated, a second one would pass for another seed.
-        twin = first.setdefault((run.model, run.seed), run.identity)
-        allowed = "must be one run per classifier, set and seed"
-        hint = "remove the outdated, or train with another name="
-        same = twin == run.identity
-        check(same, "runs", f"{twin}, {run.identity}", allowed=allowed, hint=hint)
     # A renamed folder would count as a run of other settings.
     for run in found:
         manifests.verify(run.folder)

@@ -35,7 +35,8 @@ class LearningProblem:
 
     Attributes:
         dataset: labelled observations.
-        target: label to learn, "on_map", "time_and_direction" or "reflector" (the paper's).
+        target: label to learn, "on_map", "time_and_direction" or "reflector" (the paper's); of
+            hypotheses of walls "is_wall".
         seed: seed of the division.
         split: unit that is never divided, "position", or the leaky "row".
         test_share: share of all positions that is for testing.

@@ -21,6 +21,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,7 @@ def train(
     aim: str = BALANCED,
     microphones: Array | None = None,
     without: Sequence[str] = (),
+    variant: str = "",
     command: str | None = None,
 ) -> Metrics:
     """Fit, calibrate, export and evaluate one classifier, once; return what `metrics.json` holds.
@@ -77,9 +79,8 @@ def train(
         runs: folder of everything generated.
         folds: of a cross-validation on all that is not for testing (the paper has 5), or 0.
         calibration, aim: way to confidences, and what their cut shall do (`operating_point`).
-        microphones: positions in the set's recordings, shape (M, 3), in m, for the metrics: by them
-            other recordings are known to be of the same array.
-        without: columns that an ablation leaves out, for the metrics.
+        microphones: shape (M, 3), in m: metrics tell by them recordings of the same array.
+        without, variant: columns that an ablation leaves out, what a sweep varies, for the metrics.
         command: what makes the run again, for its metrics.
 
     Raises:
@@ -88,21 +89,67 @@ def train(
     _check(name, folds, calibration=calibration)
     about = {"format": FORMAT, "name": name, "classifier": dict(config), "folds": folds}
     identity = about | {"problem": problem.identity()} | _unusual(calibration, aim)
-    title = f"{name}-{problem.dataset.name}-s{problem.seed}"
-    folder = Path(runs) / "train" / f"{title}-{digest(identity)}"
-    finished = partial(finished_metrics, folder, identity)
+    usual = Path(runs) / "train" / f"{title_of(identity)}-{digest(identity)}"
+    place = partial(_place, usual, title=title_of(identity), variant=variant)
+    finished = partial(_found_at, place, identity)
     if (found := finished()) is not None:
         return found
     # What is wrong with the classifier or the set is told before anything is written.
     problem.inputs(classifier().inputs)
     problem.parts()
+    told = _told(command, microphones, without=without)
+    make = partial(_make_named, place, problem, classifier=classifier, identity=identity, told=told)
+    # Locked under the name without what is varied, so that two sweeps do not make one run twice.
+    return once(usual, finished=finished, make=make, doing="trains this run")
 
+
+def _found_at(place: Callable[[], Path], identity: Mapping[str, Any]) -> Metrics | None:
+    """Return the metrics of a run wherever it is by now, if it is finished."""
+    return finished_metrics(place(), identity)
+
+
+def _make_named(
+    place: Callable[[], Path],
+    problem: LearningProblem,
+    *,
+    classifier: Callable[[], Classifier],
+    identity: Mapping[str, Any],
+    told: Mapping[str, Any],
+) -> Metrics:
+    """Make a run in its folder, which another command may have named meanwhile.
+
+    Args:
+        place: tells the folder.
+        problem, classifier, identity, told: as those of `make_run`.
+    """
     from echolearn.training.tensorboard import writable
 
-    told = _told(command, microphones, without=without)
-    make = partial(make_run, problem, classifier, identity=identity, folder=folder, told=told)
+    folder = place()
+    parts = folder.name.removeprefix(f"{title_of(identity)}-").rpartition("-")
+    about = {**told, "variant": parts[0]} if parts[0] else told
     with writable(folder):
-        return once(folder, finished=finished, make=make, doing="trains this run")
+        return make_run(problem, classifier, identity=identity, folder=folder, told=about)
+
+
+def title_of(identity: Mapping[str, Any]) -> str:
+    """Return the beginning of a run's name: classifier, plan and seed."""
+    problem = identity["problem"]
+    return f"{identity['name']}-{problem['plan']}-s{problem['seed']}"
+
+
+def _place(usual: Path, *, title: str, variant: str) -> Path:
+    """Return the folder of a run: where it is already, or one that tells what a sweep varies.
+
+    Args:
+        usual: folder without that.
+        title: beginning of its name.
+        variant: what is varied, or nothing.
+    """
+    known = usual.name.removeprefix(f"{title}-")
+    # The same run by another command, or a part of what a killed one had made of it.
+    there = sorted(usual.parent.glob(f"{escape(title)}-*{known}"))
+    new = usual.with_name(f"{title}-{variant}-{known}") if variant else usual
+    return there[0] if there else new
 
 
 def _check(name: str, folds: int, *, calibration: str) -> None:
@@ -254,7 +301,8 @@ def _report(result: Mapping[str, Any], seconds: float) -> None:
     test = result["test"]
     figures = f"test AUC {test['auc']:.3f}, balanced accuracy {test['balanced_accuracy']:.3f}"
     spent = f"{seconds:.1f} s on {result['accelerator']}"
-    print(f"{result['run']}: {spent}, {figures}", file=sys.stderr, flush=True)
+    told = "; ".join([f"{spent}, {figures}", *result.get("edges", ())])
+    print(f"{result['run']}: {told}", file=sys.stderr, flush=True)
     missed = result["operating_point"]["missed"]
     if missed:
         print(f"{result['run']}: {missed}; cut for balanced", file=sys.stderr, flush=True)

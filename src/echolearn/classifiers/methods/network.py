@@ -124,6 +124,7 @@ class Network:
         with seeded(examples.seed, accelerator=self.accelerator), without_remarks():
             best = examples.folder / "best.safetensors"
             training = Training(self.net(rows.shape[1:]), self, best=best)
+            training.watch = examples.watch
             source = source_of(rows, scale)
             batches = Batches(source, examples.y, size=self.batch_size, seed=examples.seed)
             held = Batches(source_of(rows_of(unseen, self.inputs), scale), labels, size=BLOCK)
@@ -197,6 +198,7 @@ class Training(LightningModule):
         self.settings = settings
         self.best = best
         self.reached = WORST[settings.monitor]
+        self.watch: Callable[[int, float], None] | None = None
         self.loss = nn.BCEWithLogitsLoss()
         self.automatic_optimization = False
 
@@ -243,6 +245,8 @@ class Training(LightningModule):
             # Tensors that share their memory are written twice, which safetensors insists on.
             weights = {name: value.clone() for name, value in self.net.state_dict().items()}
             write_atomic(self.best, save(weights))
+        if self.watch is not None:
+            self.watch(self.current_epoch, -found if self.settings.monitor == "loss" else found)
 
     def on_train_epoch_start(self) -> None:
         """Bring the last epoch's figures to disk."""

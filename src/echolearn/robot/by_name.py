@@ -1,0 +1,35 @@
+"""Localizers by name, for a first look: `echolearn.localize`."""
+
+from dataclasses import replace
+
+from echolearn.acoustics.geometry import SearchWindow
+from echolearn.acoustics.types import Array, Echoes, Observation
+from echolearn.localization.localize import localize
+from echolearn.localization.localizer import Localizer
+from echolearn.robot.bundle import localizer_of
+
+NEAR = SearchWindow()
+"""Distances within which echoes are sought unless others are told: the paper's, 1 to 2 m."""
+
+
+def localize_named(
+    observation: Observation, localizer: str | Localizer = "gated", *, window: SearchWindow = NEAR
+) -> tuple[Echoes, dict[str, Array]]:
+    """Estimate echoes, and describe them by columns.
+
+    Args:
+        observation: samples (M, N) of one pose or (B, M, N) of several, without the direct path.
+        localizer: a localizer, or the name of one with its usual settings.
+        window: distances within which a localizer that is named seeks echoes.
+
+    Returns:
+        The echoes, fields (B, R), and their columns by name, (B R,).
+
+    Raises:
+        BadValue: no localizer of that name, or recordings that cannot be analysed.
+    """
+    if isinstance(localizer, str):
+        localizer = localizer_of(name=localizer, arguments={}, window=window)
+    if observation.samples.ndim == 2:
+        observation = replace(observation, samples=observation.samples[None])
+    return localize(observation, localizer)

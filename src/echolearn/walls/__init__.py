@@ -1,0 +1,1 @@
+"""Walls from a whole walk: evidence summed over its poses, hypotheses, strips, tracks."""
