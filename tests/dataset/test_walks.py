@@ -176,7 +176,7 @@ def test_bytes_are_the_same_for_any_engine_and_interruption(plan, finished, engi
         (place / manifests.MANIFEST).unlink()
         second = place / manifests.shard_name(1)
         second.write_bytes(second.read_bytes()[:1000])
-        manifests.write_shard(place, 0, np.load(place / manifests.shard_name(0)))
+        manifests.write_shard(place, 0, array=np.load(place / manifests.shard_name(0)))
     assert generate(plan, runs=tmp_path, engine=engine) == place
     assert contents(place) == contents(finished)
 

@@ -17,9 +17,9 @@ from echolearn.cli.main import main
 from echolearn.cli.own import file_of, options_of, search_space
 from echolearn.evaluation import metrics
 from echolearn.storage import manifests
+from echolearn.training.fitting import edges_of, examples_of
 from echolearn.training.search_space import Choices, Range, read_space, with_values
 from echolearn.training.split import LearningProblem
-from echolearn.training.train import edges_of, examples_of
 from echolearn.training.tune_page import FoundSettings, experiment, tune_page
 from world import CLASSIFIERS
 
