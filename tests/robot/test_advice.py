@@ -63,6 +63,13 @@ def test_kept_echoes_of_the_ceiling_alone_are_no_map(empty, health):
     assert told(ceiling, health)[0].startswith("all 1 kept echoes come from floor or ceiling")
 
 
+def test_echoes_of_the_ceiling_are_told_of_where_none_is_kept(empty, health):
+    elevation = np.zeros_like(empty.echoes.elevation)
+    ceiling = replace(empty, echoes=replace(empty.echoes, elevation=elevation))
+    first, *_, last = told(ceiling, health, snr_db=np.array([-12.0]))
+    assert first.startswith("6 of 6 echoes come from floor or ceiling") and last == LAST
+
+
 def test_many_points_that_agree_on_no_wall_are_in_wrong_places(health):
     walk = angled()
     assert told(walk, health, direct=False) == []

@@ -131,7 +131,9 @@ def complaint(error: Exception, *, trace: bool, about: str = "") -> str:
     # What is refused is often what names the job: survey=nope, plan.step=0 m.
     if about and not reason.startswith((f"{about}:", f"{about} ")):
         reason = f"{about}: {reason}"
-    return f"{before}error: {printable(' '.join(reason.split()))}"
+    # One line, but with its blanks: two of them may belong to the name that it says how to quote.
+    line = " ".join(part.strip() for part in reason.splitlines() if part.strip())
+    return f"{before}error: {printable(line)}"
 
 
 def _in_processes(

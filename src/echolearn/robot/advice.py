@@ -28,6 +28,9 @@ PLACES = (
 MANY = 20
 """Points of which some lie on one wall, unless they are in wrong places."""
 
+LOUDER = 0.7
+"""Share of echoes from floor or ceiling that chance does not bring about."""
+
 FEW_DB = 0.0
 """dB of SNR below which single recordings hardly tell echoes."""
 
@@ -53,11 +56,13 @@ def causes(mapped: MappedWalk, health: Health, *, window: SearchWindow) -> list[
 def _of_geometry(mapped: MappedWalk, window: SearchWindow) -> Iterator[str]:
     """Yield what the places of walls, floor and ceiling explain."""
     reach = f"{window.nearest:g} to {window.farthest:g} m"
-    if mapped.map.kept.any():
-        count = int(np.sum(mapped.map.kept))
+    kept = int(np.sum(mapped.map.kept))
+    upright = int(np.sum(~mapped.sideways))
+    if kept or upright > LOUDER * len(mapped.sideways):
+        which = f"all {kept} kept echoes" if kept else f"{upright} of {len(mapped.sideways)} echoes"
         yield (
-            f"all {count} kept echoes come from floor or ceiling, which are louder than walls "
-            f"here: is a wall {reach} away?"
+            f"{which} come from floor or ceiling, which are louder than walls here: is a wall "
+            f"{reach} away?"
         )
     if mapped.outline is not None:
         # Near a corner the distance to the outline is that of one wall: the nearest.
