@@ -11,7 +11,8 @@ from llvmlite.binding import get_host_cpu_features
 import reference
 from echolearn.acoustics.types import Observation, Probe
 from echolearn.bench import equations
-from echolearn.localization import beamforming
+from echolearn.localization import beamforming, covariance_loops
+from interpreted import fused, interpret
 from reference import RATE, RING, loops
 
 SIZE = st.integers(1, 8)
@@ -84,6 +85,27 @@ def test_compiled_inverses_are_those_of_each_matrix(microphones):
     # Where the processor multiplies and adds at once the bits are those of NumPy.
     if get_host_cpu_features().get("fma"):
         assert compiled.tobytes() == plain.tobytes()
+
+
+def test_as_python_the_loops_are_sums_over_frames_and_inverses(monkeypatch):
+    """Blocks of four bins, so that the last one is not full."""
+    interpret(covariance_loops, monkeypatch, _fma=fused, BLOCK=4)
+    rng = np.random.default_rng(3)
+    recording, window = rng.standard_normal((2, 25)), rng.uniform(size=10)
+    spectra = np.fft.rfft(covariance_loops.frames(recording, window)).astype(np.complex64)
+    covariances = covariance_loops.frames_covariance(spectra)
+    loading = np.full((1, 6), 0.2, np.float32)
+    given = {"keep": 0.9, "loading": loading}
+    planes = covariance_loops.packed_inverses(covariances[None], **given)
+
+    starts = (0, 5, 10, 15)
+    frames = np.stack([recording[:, start : start + 10] * window for start in starts])
+    for f, bins in enumerate(np.moveaxis(np.fft.rfft(frames), -1, 0)):
+        expected = sum(np.outer(each, each.conj()) for each in bins) / len(starts)
+        assert np.allclose(covariances[f], expected, atol=1e-6)
+        inverse = np.linalg.inv(0.9 * expected + 0.2 * np.eye(2))
+        packed = beamforming.pack_hermitian(inverse)
+        assert np.allclose(planes[:, 0, f], packed, atol=1e-5)
 
 
 def test_the_sum_of_inverse_powers_takes_bins_in_their_order():

@@ -1,6 +1,7 @@
 """A bundle from elsewhere is examined once, by a process that may be lost."""
 
 import json
+import sys
 import time
 from shutil import copytree
 
@@ -9,9 +10,9 @@ import pytest
 
 from bundle_mutants import LATER, seal
 from echolearn.checks import BadValue
-from echolearn.robot import examination, model
+from echolearn.robot import examination, model, trial
 from echolearn.robot.scorer import load
-from echolearn.storage import known
+from echolearn.storage import known, manifests
 
 
 def elsewhere(packed, tmp_path):
@@ -53,6 +54,42 @@ def test_a_list_that_cannot_be_written_costs_an_examination_each_time(
     for _ in range(2):
         load(packed)
         assert "examined in" in capsys.readouterr().err
+
+
+@pytest.fixture
+def answered(monkeypatch, capsys):
+    """Return what the program of the child prints about a folder, here and without its limits:
+    they would stay, and what counts lines could not write them down."""
+
+    def answer(folder):
+        monkeypatch.setattr(trial, "limit", lambda: None)
+        monkeypatch.setattr(sys, "argv", ["trial", str(folder)])
+        trial.answer()
+        return json.loads(capsys.readouterr().out)
+
+    return answer
+
+
+def test_the_child_answers_with_the_digest_or_the_refusal(packed, world, tmp_path, answered):
+    digest = json.loads((packed / "bundle.json").read_text())["sha256"]
+    assert answered(packed) == {"digest": digest, "refusal": ""}
+    run = next((world.runs / "train").glob("svm_pair-*"))
+    digest = json.loads((run / manifests.METRICS).read_text())["sha256"]
+    assert answered(run) == {"digest": digest, "refusal": ""}
+
+    folder = elsewhere(packed, tmp_path)
+    (folder / "model.onnx").unlink()
+    found = answered(folder)
+    assert found["digest"] == ""
+    assert found["refusal"].startswith(f"{folder}/model.onnx: cannot be read")
+
+
+def test_a_child_without_memory_says_so(packed, answered, monkeypatch):
+    def exhausted(folder):
+        raise MemoryError
+
+    monkeypatch.setattr(trial, "replay", exhausted)
+    assert answered(packed)["refusal"] == f"{packed}: needs more than 768 MiB of memory"
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,12 @@ from echolearn.acoustics.polygon_room import DOOR, PolygonRoom
 from echolearn.acoustics.rooms import true_echoes
 from echolearn.acoustics.sides import twice_area
 from echolearn.acoustics.types import Pose, Room
+from echolearn.simulation import beam_loops
 from echolearn.simulation.beams import plan_images
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.rir.pyroom import Pyroom
 from echolearn.simulation.rir.torch_images import TorchImages
+from interpreted import interpret
 from reference import RATE, SPEED
 from refusals import refused
 
@@ -109,6 +111,17 @@ def test_images_are_those_of_pyroomacoustics_polyhedra(name):
         ours = images_of(room, microphone, highest=HIGHEST)
         assert len(ours) == len(theirs) > 20
         assert np.allclose(in_order(ours), in_order(theirs), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["an L", "a pillar and a door"])
+def test_as_python_the_loops_find_the_same_images(name, monkeypatch):
+    """Those of fewer orders than above, at one microphone."""
+    interpret(beam_loops, monkeypatch)
+    room = ROOMS[name]
+    theirs = their_images(room, highest=2)[0]
+    ours = images_of(room, MICROPHONES[0], highest=2)
+    assert len(ours) == len(theirs) > 10
+    assert np.allclose(in_order(ours), in_order(theirs), rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize(

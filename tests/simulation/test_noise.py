@@ -9,12 +9,17 @@ import pytest
 from echolearn.cli.compose import compose
 from echolearn.cli.config import build
 from echolearn.cli.own import folder
+from echolearn.simulation import normal_loops
 from echolearn.simulation.noise.fixed import Fixed
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.normal_loops import noisy_recording, standard_normal
 from echolearn.survey import audio
+from interpreted import interpret, upper
 from reference import RATE
 from sounds import draw
+
+TAILED = (545, 1312)
+"""Seeds of which one of the first 80 numbers comes from the tail, a negative and a positive one."""
 
 NOISES = sorted(
     f"{path.parent.name}={path.stem}"
@@ -93,6 +98,23 @@ def test_compiled_noise_is_that_of_numpy_and_leaves_its_generator_behind():
     assert np.abs(standard_normal(ours, (10**5,))).max() > 3.9
     theirs, ours = (np.random.Generator(np.random.MT19937(4)) for _ in range(2))
     assert np.array_equal(standard_normal(ours, (7,)), theirs.standard_normal(7))
+
+
+@pytest.mark.parametrize("seed", TAILED)
+def test_as_python_the_loop_draws_what_numpy_draws(seed, monkeypatch):
+    interpret(normal_loops, monkeypatch, _upper=upper)
+    theirs, ours = (np.random.default_rng(seed) for _ in range(2))
+    expected = theirs.standard_normal(80)
+    assert np.abs(expected).max() > normal_loops.TAIL
+    # Numbers of 64 bits go round, as they shall.
+    with np.errstate(over="ignore"):
+        assert np.array_equal(standard_normal(ours, (80,)), expected)
+    assert ours.bit_generator.state == theirs.bit_generator.state
+
+
+def test_as_python_the_loop_sums_the_parts_of_a_recording(monkeypatch):
+    interpret(normal_loops, monkeypatch)
+    test_a_recording_is_the_sum_of_its_parts()
 
 
 def test_a_recording_is_the_sum_of_its_parts():

@@ -13,6 +13,7 @@ from echolearn.acoustics.types import Pose, Room
 from echolearn.dataset.plans import ScatteredPlan
 from echolearn.dataset.records import records
 from echolearn.localization.methods.gated import Gated
+from echolearn.simulation import fir_loops
 from echolearn.simulation.arrivals import SoundPaths
 from echolearn.simulation.fir_loops import filtered_signals
 from echolearn.simulation.image_loops import fractional_delay
@@ -25,6 +26,7 @@ from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
 from echolearn.simulation.ways import free_path, ways_out
 from echolearn.storage.identity import plain
+from interpreted import interpret
 from refusals import refused
 
 RATE = 22050.0
@@ -286,16 +288,50 @@ def test_arrivals_are_what_a_loop_over_them_makes():
     assert np.abs(taken + plain).max() < 1e-12
 
 
-@pytest.mark.parametrize("taps", [1, 8, 39])
-def test_compiled_filters_are_convolutions(taps):
+def assert_filters_are_convolutions(taps, *, length, low):
     rng = np.random.default_rng(taps)
-    sounds, own = rng.standard_normal((2, 700)), rng.standard_normal((2, taps))
-    low, share = low_pass(RATE), rng.uniform(size=700)
+    sounds, own = rng.standard_normal((2, length)), rng.standard_normal((2, taps))
+    share = rng.uniform(size=length)
     found = filtered_signals(sounds, own, low=low, share=share)
     for m in range(2):
         slow = np.convolve(sounds[m], low, mode="same")
         kept = slow + share * (sounds[m] - slow)
-        assert np.abs(found[m] - np.convolve(kept, own[m])[:700]).max() < 1e-12
+        assert np.abs(found[m] - np.convolve(kept, own[m])[:length]).max() < 1e-12
+
+
+@pytest.mark.parametrize("taps", [1, 8, 39])
+def test_compiled_filters_are_convolutions(taps):
+    assert_filters_are_convolutions(taps, length=700, low=low_pass(RATE))
+
+
+def test_as_python_the_loops_filter_add_and_take_away(monkeypatch):
+    interpret(fir_loops, monkeypatch, BLOCK=8)
+    assert_filters_are_convolutions(11, length=21, low=np.array([0.25, 0.5, 0.25]))
+
+    # Two arrivals, of which the first begins before the response and the second ends after it.
+    first, taps = np.array([[-1], [3]]), np.array([[[1.0, 2.0, 3.0]], [[4.0, 5.0, 6.0]]])
+    response = np.zeros((1, 5))
+    fir_loops.add(response, first, taps=taps)
+    assert response.tolist() == [[2.0, 3.0, 0.0, 4.0, 5.0]]
+    fir_loops.add(response, first, taps=taps, ahead=1)
+    assert response.tolist() == [[4.0, 3.0, 6.0, 8.0, 10.0]]
+
+    table = np.array([[1.0, 0.0], [0.0, 1.0], [5.0, 5.0]])
+    row, gain = np.array([[0.25], [1.0]]), np.array([[4.0], [2.0]])
+    response = np.zeros((1, 5))
+    fir_loops.subtract_pulses(response, first, table=table, place=row, gain=gain)
+    assert response.tolist() == [[-1.0, 0.0, 0.0, 0.0, -2.0]]
+    found = fir_loops.changed_spectra(
+        table,
+        row,
+        gain=gain,
+        low=np.array([0.5, 1.0]),
+        highs=np.array([[0.5], [0.0]]),
+        clusters=np.array([[1.0, 2.0], [3.0, 1.0]]),
+        microphones=np.array([[2.0, 1.0]]),
+    )
+    # For instance gain 4, pulse 0.75, share 0.5 + 0.5 * 0.5, cluster 1, microphone 2.
+    assert found.tolist() == [[[4.5, 2.0]], [[0.0, 2.0]]]
 
 
 def test_ways_out_of_a_box_and_of_its_outline_are_the_same():

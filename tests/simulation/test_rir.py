@@ -16,6 +16,7 @@ from echolearn.simulation.rir import torch_images
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.rir.pyroom import Pyroom, complete_order
 from echolearn.simulation.rir.torch_images import TorchImages
+from interpreted import add_row, interpret
 from reference import RATE, SPEED
 from refusals import refused
 
@@ -118,6 +119,27 @@ def test_every_image_within_t60_lies_inside_the_complete_order(size, t60):
     )
     within = square <= (t60 * SPEED) ** 2
     assert sum(order)[within].max() <= complete_order(Room(size, t60), SPEED)
+
+
+def test_as_python_the_loops_sum_the_images_within_reach(monkeypatch):
+    """Two images along each of two axes and three along the last, in 70 samples."""
+    interpret(image_loops, monkeypatch, _add_row=add_row)
+    lengths = ((20.3, 61.7), (3.1, 44.9), (5.2, 30.6, 99.0))
+    gains = ((1.0, 0.8), (0.9, 0.7), (1.0, 0.5, 0.6))
+    axes = tuple(
+        np.array([[np.square(each), gain]]) for each, gain in zip(lengths, gains, strict=True)
+    )
+    [response] = image_loops.responses(axes, 70, reach=85.0)
+    expected = np.zeros(70)
+    counted = 0
+    for i, j, k in np.ndindex(2, 2, 3):
+        distance = np.sqrt(lengths[0][i] ** 2 + lengths[1][j] ** 2 + lengths[2][k] ** 2)
+        if distance <= 85.0:
+            gain = gains[0][i] * gains[1][j] * gains[2][k]
+            expected += gain / distance * fractional_delay(np.arange(70) - distance / 2)
+            counted += 1
+    assert counted == 8
+    assert_close(response, expected, -95.0)
 
 
 def test_the_incomplete_order_is_that_of_the_longest_side():

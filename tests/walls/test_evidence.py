@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.walls import evidence
+from echolearn.walls import evidence, evidence_loops
 from echolearn.walls.evidence import (
     exact_evidence,
     forgiving,
@@ -15,6 +15,7 @@ from echolearn.walls.evidence import (
     summed,
 )
 from heard_walks import RATE, SPEED, heard, wandering
+from interpreted import interpret
 
 NARROW = SearchWindow(1.0, 1.2)
 WALL = (0.0, 4.8, -9.0, 9.0)
@@ -75,6 +76,16 @@ def test_exact_evidence_is_within_a_thousandth_of_the_literal_loop(few, exactly,
     values, counts = exactly
     assert np.array_equal(found.counts, counts) and counts.max() == 4
     assert np.abs(found.values - values).max() <= 1e-3 * values.max()
+
+
+def test_as_python_the_loops_sum_the_same(few, exactly, monkeypatch):
+    interpret(evidence_loops, monkeypatch)
+    walk, grid = few
+    assert np.abs(exact_evidence(walk, grid).values - exactly[0]).max() <= 1e-3 * exactly[0].max()
+    z = forgiving(walk.responses, width=2)
+    tabled = summed(walk, grid, z=z), summed(walk, grid, z=z, compiled=False)
+    assert np.array_equal(tabled[0].counts, tabled[1].counts)
+    assert (np.abs(tabled[0].values - tabled[1].values) < 1e-4).mean() > 0.99
 
 
 @pytest.mark.parametrize("compiled", [True, False])

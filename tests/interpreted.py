@@ -1,0 +1,42 @@
+"""Loops that Numba compiles, run line by line as Python: what they say in Python is held against
+the same independent sums as what was compiled of it, and the lines are counted as reached."""
+
+from collections.abc import Callable
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+
+def interpret(
+    module: ModuleType, patch: pytest.MonkeyPatch, **written: Callable[..., object] | int
+) -> None:
+    """Let all compiled functions of a module be the Python that they were written as.
+
+    Args:
+        module: with functions decorated by `njit`.
+        patch: undoes it.
+        written: Python for what is written as instructions of the processor, or other constants.
+    """
+    for name, value in list(vars(module).items()):
+        if hasattr(value, "py_func"):
+            patch.setattr(module, name, value.py_func)
+    for name, instead in written.items():
+        patch.setattr(module, name, instead)
+
+
+def fused(numbers: tuple[np.float32, np.float32, np.float32]) -> np.float32:
+    """Return a b + c, as `covariance_loops._fma`: of float32 the product is exact in double."""
+    first, second, added = map(float, numbers)
+    return np.float32(first * second + added)
+
+
+def upper(first: np.uint64, second: np.uint64) -> np.uint64:
+    """Return the upper half of a product, as `normal_loops._upper`."""
+    return np.uint64(int(first) * int(second) >> 64)
+
+
+def add_row(grid, at, table, row, weight, slope):
+    """Add a row of the table of psi and its rise, as `image_loops._add_row`."""
+    taps = table.shape[1] // 2
+    grid[at : at + taps] += weight * table[row, :taps] + slope * table[row, taps:]
