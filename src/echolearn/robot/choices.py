@@ -105,8 +105,29 @@ def open_survey(
     Raises:
         BadValue: it cannot be read, or does not fit.
     """
-    check(isinstance(resample, bool), "resample", resample, allowed="must be true or false")
     walk, _ = read_proved(folder)
+    return suited(walk, bundle, resample=resample, direct=direct, played=played)
+
+
+def suited(
+    walk: Survey,
+    bundle: "Bundle",
+    *,
+    resample: bool,
+    direct: str | None,
+    played: str | None = None,
+) -> Survey:
+    """Return a survey as a bundle wants it; keys and errors are those of `open_survey`.
+
+    Args:
+        walk: the survey.
+        bundle: what its microphones, sample rate and probe must be.
+        resample: bring another sample rate to the bundle's.
+        direct: how to remove a direct path; None leaves that to the survey.
+        played: where the burst as the loudspeaker plays it is taken from; None takes `probe.wav`.
+    """
+    folder = walk.folder
+    check(isinstance(resample, bool), "resample", resample, allowed="must be true or false")
     if direct is not None:
         _check_removal(walk, direct)
         walk = replace(walk, direct=direct)

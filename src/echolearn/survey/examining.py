@@ -45,8 +45,12 @@ def examine(survey: Survey) -> Health:
     Raises:
         BadValue: a recording that cannot be read.
     """
-    survey = replace(survey, containers=_stored(survey))
-    walk = measure_walk(survey)
+    return concluded(measure_walk(replace(survey, containers=stored(survey))))
+
+
+def concluded(walk: Walk) -> Health:
+    """Return what recordings that were measured say together."""
+    survey = walk.survey
     verdicts = judge_channels(walk)
     zero = _zero(walk, verdicts.alive)
     calibrated = examine_calibration(walk, verdicts.alive)
@@ -88,7 +92,7 @@ def examine(survey: Survey) -> Health:
     )
 
 
-def _stored(survey: Survey) -> Containers:
+def stored(survey: Survey) -> Containers:
     """Return how the numbers of a survey's files are stored."""
     # Read one by one: the first that tells its bits ends it.
     recordings = numbers_of(undecided_words(survey.folder / file) for file in survey.files)

@@ -60,9 +60,17 @@ class Walk(NamedTuple):
         return decibels(self.level)
 
 
+Measured = tuple[Levels, Direct, Shape, Echo, Array, float, Array, Array]
+"""What is measured of one recording, in the order of the fields of a `Walk`."""
+
+
 def measure_walk(survey: Survey) -> Walk:
     """Return what is measured of every recording of a survey."""
-    rows = [_measure(survey, pose) for pose in range(len(survey.poses))]
+    return walk_of(survey, [measure(survey, pose) for pose in range(len(survey.poses))])
+
+
+def walk_of(survey: Survey, rows: Sequence[Measured]) -> Walk:
+    """Return what was measured of each recording of a survey side by side."""
     kinds = zip(*rows, strict=True)
     about, direct, shape, echo, level, noise, wrapped, marks = kinds
     tones = tuple(each.tones for each in about)
@@ -81,9 +89,7 @@ def measure_walk(survey: Survey) -> Walk:
     )
 
 
-def _measure(
-    survey: Survey, pose: int
-) -> tuple[Levels, Direct, Shape, Echo, Array, float, Array, Array]:
+def measure(survey: Survey, pose: int) -> Measured:
     """Measure one recording."""
     probe = survey.probe
     lags = time_zero.expected(survey.around(pose), probe, speed_of_sound=survey.speed_of_sound)

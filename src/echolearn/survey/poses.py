@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from io import StringIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
@@ -171,12 +171,17 @@ def read_poses(path: Path) -> Poses:
     allowed = "must have each number once"
     check(times == 1, f"{path} index", f"{most}, {times} times", allowed=allowed, hint=NAMES)
     check_walk(str(path), sorted(rows, key=lambda row: row["index"]))
+    return poses_of(rows)
+
+
+def poses_of(rows: Sequence[Mapping[str, Any]]) -> Poses:
+    """Return what rows of `poses.csv` say, one at least, as `row_cells` reads them."""
     known = {*CELLS, *ERRORS, *APART}
     apart = None
     if "loudspeaker_x_m" in rows[0]:
         apart = np.array([[row[name] for name in APART] for row in rows])
     return Poses(
-        numbers,
+        tuple(row["index"] for row in rows),
         tuple(map(_pose, rows)),
         tuple(row["file"] for row in rows),
         apart,
@@ -190,40 +195,52 @@ def _pose(row: Mapping[str, Any]) -> Pose:
 
 
 def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
-    """Yield the cells of each row of a table that has the columns of `CELLS`, and any others."""
+    """Yield the cells of each row of a file."""
     # Spreadsheets may begin a file with a byte order mark, which is no part of the first name.
     with path.open(newline="", encoding="utf-8-sig") as file:
-        # Excel's first line, which names the mark between cells, is no row.
-        above = int(file.readline(99).lower().startswith("sep="))
-        if not above:
-            file.seek(0)
-        table = csv.DictReader(file, skipinitialspace=True)
-        columns = [name.strip() for name in table.fieldnames or ()]
-        missing = [name for name in CELLS if columns and name not in columns]
-        allowed = f"must have the columns {','.join(CELLS)}"
-        hint = _about_columns(columns, missing)
-        check(not missing, str(path), f"without {', '.join(missing)}", allowed=allowed, hint=hint)
-        [(most, times)] = Counter(filter(None, columns)).most_common(1) or [("", 0)]
-        allowed = "must have each column once"
-        check(times < 2, str(path), f"column {most!a:.60}, {times} times", allowed=allowed)
-        table.fieldnames = columns
-        lacking = [name for name in APART if name not in columns]
-        allowed = f"must have all of {', '.join(APART)}, or none"
-        check(len(lacking) in (0, 3), str(path), f"without {', '.join(lacking)}", allowed=allowed)
-        optional = ERRORS | APART
-        cells = CELLS | {name: read for name, read in optional.items() if name in columns}
-        further = [name for name in columns if name and name not in cells]
-        for row in table:
-            name = f"{path} row {table.line_num + above}"
-            beyond = row.pop(None, [])
-            if not any(map(str.strip, filter(None, [*row.values(), *beyond]))):
-                continue
-            count = f"{len(columns) + len(beyond)} cells"
-            check(
-                not any(beyond), name, count, allowed=f"must be {len(columns)} cells", hint=BY_POINT
-            )
-            found = {key: read(f"{name} {key}", row[key]) for key, read in cells.items()}
-            yield found | {column: str(row[column] or "").strip() for column in further}
+        yield from row_cells(path, file)
+
+
+def row_cells(path: Path, file: TextIO, *, before: int = 0) -> Iterator[Mapping[str, Any]]:
+    """Yield the cells of each row of a table that has the columns of `CELLS`, and any others.
+
+    Args:
+        path: what the table is called in errors.
+        file: its text, from the names of the columns on.
+        before: rows between these and the first that was read.
+
+    Raises:
+        BadValue: as `read_poses`.
+    """
+    # Excel's first line, which names the mark between cells, is no row.
+    above = int(file.readline(99).lower().startswith("sep="))
+    if not above:
+        file.seek(0)
+    table = csv.DictReader(file, skipinitialspace=True)
+    columns = [name.strip() for name in table.fieldnames or ()]
+    missing = [name for name in CELLS if columns and name not in columns]
+    allowed = f"must have the columns {','.join(CELLS)}"
+    hint = _about_columns(columns, missing)
+    check(not missing, str(path), f"without {', '.join(missing)}", allowed=allowed, hint=hint)
+    [(most, times)] = Counter(filter(None, columns)).most_common(1) or [("", 0)]
+    allowed = "must have each column once"
+    check(times < 2, str(path), f"column {most!a:.60}, {times} times", allowed=allowed)
+    table.fieldnames = columns
+    lacking = [name for name in APART if name not in columns]
+    allowed = f"must have all of {', '.join(APART)}, or none"
+    check(len(lacking) in (0, 3), str(path), f"without {', '.join(lacking)}", allowed=allowed)
+    optional = ERRORS | APART
+    cells = CELLS | {name: read for name, read in optional.items() if name in columns}
+    further = [name for name in columns if name and name not in cells]
+    for row in table:
+        name = f"{path} row {table.line_num + above + before}"
+        beyond = row.pop(None, [])
+        if not any(map(str.strip, filter(None, [*row.values(), *beyond]))):
+            continue
+        count = f"{len(columns) + len(beyond)} cells"
+        check(not any(beyond), name, count, allowed=f"must be {len(columns)} cells", hint=BY_POINT)
+        found = {key: read(f"{name} {key}", row[key]) for key, read in cells.items()}
+        yield found | {column: str(row[column] or "").strip() for column in further}
 
 
 def _about_columns(columns: Sequence[str], missing: Sequence[str]) -> str:

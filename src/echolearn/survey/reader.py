@@ -21,6 +21,7 @@ its own and has columns of its own; times count from the emission.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ from echolearn.storage import manifests
 from echolearn.survey import audio
 from echolearn.survey.containers import Containers, numbers_of
 from echolearn.survey.description import read_description
-from echolearn.survey.poses import read_poses
+from echolearn.survey.poses import Poses, read_poses
 from echolearn.survey.survey import CALIBRATION, NOISE, Survey
 from echolearn.survey.truth import TRUTH, read_truth
 
@@ -53,6 +54,37 @@ def lies_inside(folder: Path, name: str) -> bool:
 
 def read_survey(folder: Path) -> Survey:
     """Open a recorded survey.
+
+    Raises:
+        BadValue: as `read_described`, or of its poses or their truth.
+    """
+    survey = with_poses(read_described(folder), read_poses(Path(folder) / "poses.csv"))
+    truth = survey.folder / TRUTH
+    if truth.exists():
+        survey = replace(survey, truth=read_truth(truth, survey.numbers))
+    return survey
+
+
+def with_poses(described: Survey, walked: Poses) -> Survey:
+    """Return a survey that was described, with these poses.
+
+    Raises:
+        BadValue: a recording that lies elsewhere.
+    """
+    for file in dict.fromkeys(walked.files):
+        _check_inside(described.folder, file)
+    return replace(
+        described,
+        poses=walked.poses,
+        files=walked.files,
+        numbers=walked.numbers,
+        loudspeakers=_carried_to(walked.loudspeakers, walked.poses),
+        further=walked.further,
+    )
+
+
+def read_described(folder: Path) -> Survey:
+    """Return what describes a recorded survey, without a pose.
 
     Raises:
         BadValue: a file or key that is missing or malformed; or a calibration where there is no
@@ -77,27 +109,20 @@ def read_survey(folder: Path) -> Survey:
 
     probe = folder / "probe.wav"
     stored = numbers_of([audio.undecided_words(probe)])
-    walked = read_poses(folder / "poses.csv")
-    for file in dict.fromkeys(walked.files):
-        _check_inside(folder, file)
-    truth = folder / TRUTH
     return Survey(
         folder=folder,
         probe=_read_probe(probe, about["sample_rate"], scale=stored.scale),
         array=MicArray(about["microphones"] - about["loudspeaker"]),
         speed_of_sound=about["speed_of_sound"],
-        poses=walked.poses,
-        files=walked.files,
-        numbers=walked.numbers,
+        poses=(),
+        files=(),
+        numbers=(),
         walls=about["walls"],
         conditions=about["conditions"],
         heading_bias_sd=float(about["heading_bias_sd_rad"]),
         direct=("calibration" if calibrated else "fir") if present else None,
         containers=Containers(probe=stored),
         mapped=about["map"],
-        loudspeakers=_carried_to(walked.loudspeakers, walked.poses),
-        truth=read_truth(truth, walked.numbers) if truth.exists() else None,
-        further=walked.further,
     )
 
 

@@ -62,9 +62,13 @@ free_thresh: {FREE}
 def image(walk: MappedWalk) -> tuple[Array, Origin]:
     """Return the pixels, shape (height, width), uint8, row 0 the largest y, and the origin."""
     odds, touched, origin = occupancy(walk)
+    return shades(odds, touched)[::-1], origin
+
+
+def shades(odds: Array, touched: Array) -> Array:
+    """Return the pixels of log-odds (height, width), uint8, `UNKNOWN` where nothing was seen."""
     free = 1.0 - 1.0 / (1.0 + np.exp(-odds))
-    pixels = np.where(touched, np.rint(255.0 * free), UNKNOWN).astype(np.uint8)
-    return pixels[::-1], origin
+    return np.where(touched, np.rint(255.0 * free), UNKNOWN).astype(np.uint8)
 
 
 def cells(walk: MappedWalk) -> tuple[Array, Origin]:
@@ -75,9 +79,14 @@ def cells(walk: MappedWalk) -> tuple[Array, Origin]:
     """
     # From the pixels, so that both say the same after rounding.
     pixels, origin = image(walk)
-    occupied = (255.0 - pixels[::-1]) / 255.0
+    return known_cells(pixels[::-1]), origin
+
+
+def known_cells(pixels: Array) -> Array:
+    """Return pixels (height, width) as map_server reads them: 100, 0 or -1, int8."""
+    occupied = (255.0 - pixels) / 255.0
     known = np.where(occupied > OCCUPIED, 100, np.where(occupied < FREE, 0, -1))
-    return known.astype(np.int8), origin
+    return known.astype(np.int8)
 
 
 def occupancy(walk: MappedWalk) -> tuple[Array, Array, Origin]:
@@ -93,14 +102,26 @@ def occupancy(walk: MappedWalk) -> tuple[Array, Array, Origin]:
     starts = walk.map.poses[walk.shown] / walk.resolution - low
     ends = points / walk.resolution - low
     for start, end, belief in zip(starts, ends, walk.map.confidence[walk.shown], strict=True):
-        columns, rows = _ray(start, end).T
-        odds[rows, columns] += _log_odds(MISS, belief)
-        # The last cell holds the point itself: there the wall is, so the path's share is undone.
-        odds[rows[-1], columns[-1]] += _log_odds(HIT, belief) - _log_odds(MISS, belief)
-        touched[rows, columns] = True
+        mark(odds, touched, ray=ray_cells(start, end), belief=belief)
 
     x, y = (low * walk.resolution).tolist()
     return np.clip(odds, -LIMIT, LIMIT), touched, (x, y)
+
+
+def mark(odds: Array, touched: Array, *, ray: Array, belief: float) -> None:
+    """Add an echo to a grid.
+
+    Args:
+        odds: log-odds of the cells, shape (height, width); changed.
+        touched: whether each was seen, the same shape; changed.
+        ray: columns and rows of the cells from the robot to the point, shape (K, 2).
+        belief: confidence of the echo, 0 to 1.
+    """
+    columns, rows = ray.T
+    odds[rows, columns] += _log_odds(MISS, belief)
+    # The last cell holds the point itself: there the wall is, so the path's share is undone.
+    odds[rows[-1], columns[-1]] += _log_odds(HIT, belief) - _log_odds(MISS, belief)
+    touched[rows, columns] = True
 
 
 def _extent(seen: Array, resolution: float) -> tuple[Array, int, int]:
@@ -118,7 +139,7 @@ def _extent(seen: Array, resolution: float) -> tuple[Array, int, int]:
     return low, width, height
 
 
-def _ray(start: Array, end: Array) -> Array:
+def ray_cells(start: Array, end: Array) -> Array:
     """Return the cells between two places, in cells, each once, shape (K, 2); `end`'s is last."""
     # Two steps a cell: none between the ends is passed over unless it is touched at a corner only.
     steps = 2 * math.ceil(float(np.abs(end - start).max())) + 1
