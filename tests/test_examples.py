@@ -13,7 +13,6 @@ import numpy as np
 
 from echolearn.cli.main import main
 from echolearn.robot.scorer import load
-from echolearn.robot.survey_map import map_survey
 from echolearn.survey import reader
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -88,9 +87,17 @@ def test_the_short_survey_is_what_its_command_makes(tmp_path):
     assert (made.folder / "survey.yaml").read_bytes() == (SHORT / "survey.yaml").read_bytes()
 
 
-def test_the_short_survey_is_mapped(packed, tmp_path):
-    """Its recordings hold the nearest walls' echoes and little more, which is enough."""
-    scores = json.loads(
-        (map_survey(survey=SHORT, bundle=packed, runs=tmp_path) / "manifest.json").read_text()
-    )["scores"]
-    assert scores["precision"] >= 0.9 and scores["true_retention"] >= 0.9
+def test_the_short_survey_becomes_its_four_walls_by_the_bundle_that_comes_along(tmp_path, capsys):
+    """At least six poses hear each wall, those in the middle none, and no option is needed."""
+    assert sum(file.stat().st_size for file in SHORT.rglob("*.*")) <= 1_000_000
+    assert main(["map", f"survey={SHORT}", f"runs={tmp_path}"]) == 0
+    assert "4 walls fitted" in capsys.readouterr().out
+    rows = (tmp_path / "maps" / "short-point" / "walls.csv").read_text().splitlines()
+    walls = [dict(zip(rows[0].split(","), row.split(","), strict=True)) for row in rows[1:]]
+    assert min(int(wall["points"]) for wall in walls) >= 6
+    # Seen from the corner x = y = 0 of the room, two walls are 5 m away and two at hand.
+    offsets = sorted(float(wall["offset_m"]) for wall in walls)
+    assert np.allclose(offsets, [0, 0, 5, 5], rtol=0, atol=0.02)
+
+    found = json.loads((tmp_path / "maps" / "short-point" / "manifest.json").read_text())
+    assert found["scores"]["precision"] == found["scores"]["spurious_removal"] == 1
