@@ -1,6 +1,8 @@
 """Echoes of walls beside an array whose loudspeaker stands anywhere, against mirrored sources."""
 
+import doctest
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -70,21 +72,23 @@ def test_walls_and_echoes_are_each_others_inverse(distance, azimuth, elevation, 
     assert bistatic.wall_distance(toa, toward, array=array) == pytest.approx(distance, abs=1e-9)
 
 
-def seen_at(distance, azimuth, array):
-    """Return the azimuth of an upright wall's echo."""
-    x, y, _ = bistatic.echo_direction(distance, direction(azimuth, math.pi / 2), array=array)
-    return math.atan2(y, x)
+def mirrored(distance, azimuth, array):
+    """Return path and azimuth of the echo of a wall, of its mirrored loudspeaker's coordinates."""
+    image = np.array([2 * distance * math.cos(azimuth), 2 * distance * math.sin(azimuth), 0.0])
+    x, y, _ = image - array.positions.mean(axis=0)
+    return np.array([math.dist(image, array.positions[0]), math.atan2(y, x)])
 
 
 @given(st.floats(0.8, 5.0), ANGLE, SEED)
-def test_an_echo_turns_as_finite_differences_have_it(distance, azimuth, seed):
+def test_slopes_are_those_of_finite_differences_of_mirrored_sources(distance, azimuth, seed):
     array = apart(seed)
-    centre = (float(array.centre[0]), float(array.centre[1]))
-    found = bistatic.seen_turn(np.array(distance), np.array(azimuth), centre=centre)
+    found = bistatic.echo_slopes(np.array(distance), np.array(azimuth), array=array)
     step = 1e-5
-    after = seen_at(distance, azimuth + step, array)
-    before = seen_at(distance, azimuth - step, array)
-    assert found == pytest.approx(reference.turn(after - before) / (2 * step), abs=1e-8)
+    for column, move in enumerate(([step, 0.0], [0.0, step])):
+        change = mirrored(distance + move[0], azimuth + move[1], array)
+        change -= mirrored(distance - move[0], azimuth - move[1], array)
+        change[1] = reference.turn(change[1])
+        assert np.allclose(found[:, column], change / (2 * step), atol=1e-8)
 
 
 @given(st.floats(1.0, 2.0), ANGLE, SEED)
@@ -135,3 +139,9 @@ def test_around_the_loudspeaker_map_points_are_bit_by_bit_the_papers(toa, azimut
     expected = place + distance[..., None] * direction(azimuth + heading, tilt)[..., :2]
     found = bistatic.wall_points(toa, azimuth, tilt, position=place, heading=heading, array=RING)
     assert np.array_equal(found, expected)
+
+
+def test_what_the_page_says_of_a_lag_and_a_degree_is_so():
+    page = Path(__file__).parents[2] / "docs" / "arrays.md"
+    ran = doctest.testfile(str(page), module_relative=False)
+    assert ran.attempted > 5 and ran.failed == 0

@@ -87,7 +87,7 @@ def test_a_robot_whose_array_is_aside_sees_walls_turn_more_or_less_than_they_do(
     wall = Line(*ends, 0.0, 1.1, 1.0, 1.0, 1.0, 200, np.arange(200))
     misses = np.abs(_Wall.of(wall, seen, accuracy=accuracy).azimuth_misses(np.zeros(1)))
     assert misses.max() == pytest.approx(accuracy.azimuth / 2, rel=0.03)
-    centred = replace(accuracy, centre=(0.0, 0.0))
+    centred = replace(accuracy, array=None)
     plain = np.abs(_Wall.of(wall, seen, accuracy=centred).azimuth_misses(np.zeros(1)))
     assert plain.max() < 0.87 * misses.max()
     found = measured(wall, seen, accuracy=accuracy)

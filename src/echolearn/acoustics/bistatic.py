@@ -41,18 +41,34 @@ def echo_direction(distance: Array | float, normal: Array, *, array: MicArray) -
     return np.asarray(image / np.linalg.norm(image, axis=-1, keepdims=True))
 
 
-def seen_turn(distance: Array, azimuth: Array, *, centre: tuple[float, float]) -> Array:
-    """Return dphi/dtheta, by which the array sees an echo turn as its wall's normal turns, (...).
+def echo_slopes(distance: Array, azimuth: Array, *, array: MicArray) -> Array:
+    """Return the derivatives of path and azimuth of an upright wall's echo, shape (2, 2, ...).
+
+    Rows are L in m and the azimuth phi of v, columns the wall's distance D and the azimuth theta of
+    its normal. With t = dn/dtheta, w = 2 D n - c in the plane:
+
+        dL/dD = 2 n . (2 D n - p_1) / L,        dL/dtheta = -2 D t . p_1 / L,
+        dphi/dD = -2 t . w / |w|^2,             dphi/dtheta = 2 D n . w / |w|^2.
+
+    Its inverse tells what a lag or a degree is worth: d(D, theta) = slopes^-1 d(L, phi).
 
     Args:
         distance: from the loudspeaker to the wall, shape (...), in m.
         azimuth: of its normal, robot frame, shape (...), in rad.
-        centre: of the array, in the plane, robot frame, in m.
+        array: its first microphone is the reference.
     """
-    x = 2.0 * distance * np.cos(azimuth) - centre[0]
-    y = 2.0 * distance * np.sin(azimuth) - centre[1]
-    along = x * np.cos(azimuth) + y * np.sin(azimuth)
-    return np.asarray(2.0 * distance * along / (x**2 + y**2))
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    reference = array.positions[0]
+    path = echo_path(distance, np.stack([cos, sin, np.zeros_like(cos)], axis=-1), array=array)
+    longer = 2.0 * (2.0 * distance - reference[0] * cos - reference[1] * sin) / path
+    around = 2.0 * distance * (reference[0] * sin - reference[1] * cos) / path
+
+    x = 2.0 * distance * cos - array.centre[0]
+    y = 2.0 * distance * sin - array.centre[1]
+    square = x**2 + y**2
+    aside = 2.0 * (x * sin - y * cos) / square
+    turned = 2.0 * distance * (x * cos + y * sin) / square
+    return np.array([[longer, around], [aside, turned]])
 
 
 def image_distance(

@@ -28,7 +28,7 @@ class Accuracy:
             echo, in m.
         azimuth_noise: that of the azimuth, in rad.
         heading_bias_sd: standard deviation of an error that all headings share, in rad.
-        centre: of the array, in the plane, robot frame, loudspeaker at the origin, in m.
+        array: the microphones, if their centre is not the loudspeaker.
     """
 
     lag: float = SPEED_OF_SOUND / 22050 / 2
@@ -36,7 +36,7 @@ class Accuracy:
     distance_noise: float = 0.0
     azimuth_noise: float = 0.0
     heading_bias_sd: float = 0.0
-    centre: tuple[float, float] = (0.0, 0.0)
+    array: MicArray | None = None
 
     def of_echoes(self, echoes: Echoes) -> tuple[Array, Array]:
         """Return standard deviations of distances in m and azimuths in rad, shaped as the echoes.
@@ -47,7 +47,9 @@ class Accuracy:
         noise = np.sqrt((1 - square) / square)
         distance = np.hypot(self.lag / np.sqrt(12), self.distance_noise * noise)
         azimuth = np.hypot(self.azimuth / np.sqrt(12), self.azimuth_noise * noise)
-        x, y = self.centre
+        if self.array is None:
+            return distance, azimuth
+        x, y, _ = self.array.centre
         lever = (y * np.cos(echoes.azimuth) - x * np.sin(echoes.azimuth)) / 2
         return np.hypot(distance, lever * azimuth), azimuth
 
@@ -81,5 +83,5 @@ def accuracy_of(
         distance_noise=way / 2,
         azimuth_noise=way / max(aperture, way),
         heading_bias_sd=heading_bias_sd,
-        centre=(float(array.centre[0]), float(array.centre[1])),
+        array=array if array.centre[:2].any() else None,
     )

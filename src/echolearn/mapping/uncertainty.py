@@ -3,7 +3,7 @@
 A wall with the normal theta at the offset o is D = o - n(theta) . p away from a robot at p, and its
 echo comes from theta. Both are measured: the distance, rounded to that of a lag, and the azimuth,
 theta less the heading, rounded to the grid of directions. (An array beside its loudspeaker sees the
-echo turn by dphi as the normal turns by dtheta, `bistatic.seen_turn`: misses of theta are made
+echo turn by dphi as the normal turns by dtheta, `bistatic.echo_slopes`: misses of theta are made
 misses of phi by that.) What is rounded are true values plus
 noise, so of a number x
 
@@ -26,7 +26,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import log_ndtr
 
-from echolearn.acoustics.bistatic import seen_turn
+from echolearn.acoustics.bistatic import echo_slopes
 from echolearn.acoustics.geometry import wrap
 from echolearn.acoustics.types import Array
 from echolearn.mapping.accuracy import Accuracy
@@ -279,12 +279,13 @@ class _Wall:
     @cached_property
     def _seen_turn(self) -> Array | float:
         """What the array sees of a turn of each normal, shape (n,)."""
-        centre = self.accuracy.centre
-        if centre == (0.0, 0.0):
+        array = self.accuracy.array
+        if array is None:
             return 1.0
         seen = self.seen
         azimuth = np.arctan2(*seen.toward.T[::-1]) - seen.headings
-        return seen_turn(seen.distances, azimuth, centre=centre)
+        slopes = echo_slopes(seen.distances, azimuth, array=array)
+        return np.asarray(slopes[1, 1])
 
     def mass(self, turn: Array, shift: Array) -> Array:
         """Return the shares of turned (A,) and shifted (V,) lines in all probability, (A, V)."""
