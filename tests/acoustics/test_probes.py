@@ -7,7 +7,7 @@ import pytest
 from scipy.io import wavfile
 
 from echolearn.acoustics.probes import mls_probe, sweep_probe
-from echolearn.acoustics.signals import convolve, matched_filter
+from echolearn.acoustics.signals import convolve, matched_filter, noise_probe
 from echolearn.acoustics.types import Probe
 from echolearn.checks import BadValue
 from echolearn.cli.compose import compose
@@ -139,6 +139,10 @@ FAULTS = {
     "no file": (lambda place: probe_file(str(place / "none.wav")), "cannot be read as WAV"),
     "a long sequence": (lambda _: mls_probe(bits=15), "probe.length=20000 samples: must"),
     "bits": (lambda _: mls_probe(bits=40), "probe.bits=40: must be a whole number from 5 to 18"),
+    "a long recording": (
+        lambda _: noise_probe(length=10**9),
+        "probe.length=1000000000 samples: must be a whole number from 1500 to 1048576 samples",
+    ),
     "a long sweep": (lambda _: sweep_probe(seconds=2.0), "probe.length=20000 samples: must be"),
     "a falling sweep": (
         lambda _: sweep_probe(low=5000.0, high=500.0),

@@ -38,7 +38,7 @@ def empty():
     ("change", "message"),
     [
         ({"noticed": ("microphone 3 is 38 dB down",)}, "microphone 3 is 38 dB down"),
-        ({"snr_db": np.array([-12.0, np.nan])}, "the SNR is -12 dB"),
+        ({"snr_db": np.array([-12.0, np.nan])}, "the SNR may be as low as -12 dB"),
         ({"direct": False}, "time zero is taken on trust"),
         ({"negative_echoes": np.nan, "latency_samples": np.array([[np.nan]])}, "no arrival of the"),
     ],

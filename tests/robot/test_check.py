@@ -271,6 +271,32 @@ def test_it_ends_with_1_where_map_would_refuse(folder, packed, tmp_path, capsys)
     assert "must be at most 1 mm" in (tmp_path / "check" / "walk" / "check.html").read_text()
 
 
+def test_it_asks_for_the_bundle_that_map_would_take_or_for_none(folder, tmp_path, capsys):
+    edit(folder, microphones=(0.9 * SCENE.array.positions).tolist())
+    words = [f"survey={folder}", f"runs={tmp_path}"]
+    assert main(["map", *words]) == 1
+    refusal = capsys.readouterr().err.strip().removeprefix("error: ")
+    assert main(["check", *words]) == 1
+    said = capsys.readouterr()
+    assert f"refused: {refusal}" in said.out and "point was made for 6 microphones" in refusal
+    assert said.err.endswith("; bundle=null asks about the recordings alone\n")
+    # What recordings say of another array is another matter.
+    assert main(["check", *words, "bundle=null"]) == 0
+    assert capsys.readouterr().out.startswith("map would take it, mended\n")
+
+
+def test_reverberation_until_the_end_is_told_to_count_as_noise(folder, recordings, capsys):
+    """Without any noise, in recordings that end while the room rings."""
+    heard = np.array([SCENE.received(Room(ROOM.size, 1.5), pose) for pose in WALK])
+    record(folder, 0.05 * heard / heard.std())
+    main(["check", f"survey={folder}", f"runs={folder.parent}"])
+    said = capsys.readouterr().out
+    [level] = re.findall(
+        r"SNR, at least +(-?\d+) dB  over the quietest eighth of a recording", said
+    )
+    assert int(level) < 10 and "of a recording, reverberation and all;" in said
+
+
 ALONE = """
 import sys
 gone = "hydra omegaconf onnxruntime torch sklearn onnx matplotlib jinja2 soundfile rich rosbags"

@@ -11,7 +11,9 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from echolearn.acoustics.geometry import circular_array
 from echolearn.acoustics.rooms import outline
+from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Room
 from echolearn.checks import BadValue
 from echolearn.comparison.localized import localize_survey
@@ -19,8 +21,10 @@ from echolearn.localization.methods.gated import Gated
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.diffuse import Diffuse
 from echolearn.simulation.noise.rotor import Rotor
+from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import observe
 from echolearn.simulation.rir.pyroom import Pyroom
+from echolearn.simulation.scene import Scene
 from echolearn.simulation.survey import noise_length, survey
 from echolearn.simulation.walk import trajectory
 from echolearn.storage import journal, manifests
@@ -28,6 +32,7 @@ from echolearn.survey import reader
 from refusals import refused
 
 ROOM = Room((5.0, 4.5, 3.0), 0.2)
+HUGE = Scene(circular_array(microphones=32), noise_probe(length=1 << 20), Pyroom(), White())
 OTHERS = r"^name=few: .* was made with others, .*\Z"
 
 
@@ -215,6 +220,10 @@ def test_other_settings_under_the_same_name_are_refused(copy, walk, brief, tmp_p
         ({"noise_seconds": -1}, "noise_seconds=-1 s"),
         ({"noise_seconds": "long"}, "noise_seconds=long s"),
         ({"noise_seconds": 127.0}, "noise_seconds=127 s: must be 0 (none), or from "),
+        (
+            {"scene": HUGE},
+            "scene.probe.length=1048576: must be a whole number from 1 to 524256; of",
+        ),
     ],
 )
 def test_bad_walks_are_refused_before_anything_is_written(walk, tmp_path, change, message):

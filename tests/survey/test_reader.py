@@ -87,6 +87,7 @@ def test_a_loudspeaker_elsewhere_moves_the_microphones(folder):
         (FILES[1], SAMPLES[0] * [[np.inf], [1], [1]], "=NaN or infinity: must be finite samples"),
         ("probe.wav", np.full(400, np.nan), "=NaN or infinity: must be finite samples"),
         ("probe.wav", np.zeros(400), "=silence: must be the burst that was emitted"),
+        ("probe.wav", np.ones((2, 400)), "=2 channels: must be the one channel that the loudspeak"),
         ("probe.wav", np.ones(2**20 + 1), "=1048577 samples: must be at most 1048576"),
         ("noise.wav", np.ones((2, 1000)), "=(2, 1000): must be 3 channels of at least 400 samples"),
         ("noise.wav", np.ones((3, 399)), "=(3, 399): must be 3 channels of at least 400 samples"),

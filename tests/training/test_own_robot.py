@@ -83,8 +83,11 @@ def test_what_cannot_be_fitted_is_refused_in_one_line(walked, monkeypatch, capsy
     (walked / "runs" / "fit" / "other" / "notes.txt").write_text("mine")
     for words, said in (
         (["survey=nowhere"], "survey=nowhere: must be a folder"),
-        (["survey=runs/survey/walk", "within=2"], "within=2: must be two distances in m"),
-        (["survey=runs/survey/walk", "within=[2,1]"], "window.nearest=2 m: must be below"),
+        (["survey=runs/survey/walk", "within=2"], "within=2: must be two numbers, lowest first"),
+        (
+            ["survey=runs/survey/walk", "within=[2,1]"],
+            "within=[2, 1]: must be two numbers, lowest first",
+        ),
         (["survey=runs/survey/walk", "name=other"], "name=other: must be a new name"),
         (["survey=runs/survey/walk", "aim=precision 2"], "aim=precision 2: must name a share"),
     ):

@@ -27,6 +27,9 @@ Array = NDArray[Any]
 SPEED_OF_SOUND = 343.0
 """m/s, the paper's value."""
 
+LONGEST = 1 << 20
+"""Samples that a recording of one channel may have: 48 s at 22 050 Hz."""
+
 PARITY = 1e-5
 """Largest difference in confidence between a trained classifier and its file."""
 
@@ -170,8 +173,10 @@ class Probe:
         check(bool(samples.any()), "probe.samples", "silence", allowed="must be a burst", hint=hint)
         check_rate("probe.sample_rate", self.sample_rate)
         object.__setattr__(self, "sample_rate", float(self.sample_rate))
-        hint = "the recording must hold the burst"
-        check_whole("probe.length", self.length, low=len(self.samples), unit="samples", hint=hint)
+        burst = len(self.samples)
+        hint = "a recording must hold the burst, and be one that surveys may have"
+        bounds: dict[str, Any] = {"low": burst, "high": max(burst, LONGEST), "unit": "samples"}
+        check_whole("probe.length", self.length, hint=hint, **bounds)
 
     @property
     def energy(self) -> float:

@@ -278,7 +278,7 @@ def _fit(config: "Config") -> Path:
     """Make a filter for the robot of a survey from its own recordings, and map them with it."""
     from dataclasses import replace
 
-    from echolearn.checks import check_list
+    from echolearn.checks import check, check_range
     from echolearn.cli.config import build
     from echolearn.survey.reader import read_survey
     from echolearn.training.own_robot import FilterRecipe, order_for
@@ -289,9 +289,10 @@ def _fit(config: "Config") -> Path:
     plan = build(config["plan"], "plan")
     window = None
     if config["within"] is not None:
-        allowed = "must be two distances in m, [1.0,2.0]"
-        check_list("within", config["within"], length=2, allowed=allowed)
+        check_range("within", config["within"], bounds=(0.1, 100.0, "m"))
         nearest, farthest = config["within"]
+        allowed = "must be two distances in m, [1.0,2.0]"
+        check(nearest < farthest, "within", config["within"], allowed=allowed)
         window = replace(plan.window, nearest=nearest, farthest=farthest)
     classifier = config["classifier"]
     recipe = FilterRecipe(

@@ -22,7 +22,7 @@ from echolearn.checks import BadValue, suggest
 from echolearn.cli.config import Config, UsageError
 from echolearn.cli.own import folder, folders, teach_hydra
 from echolearn.cli.targets import TARGET
-from echolearn.cli.words import TEXTS, is_text, plain_config, quoted, split
+from echolearn.cli.words import NONE_ALLOWED, TEXTS, is_text, plain_config, quoted, split
 from echolearn.storage.files import one_line
 
 if TYPE_CHECKING:
@@ -272,7 +272,7 @@ def _set(config: "DictConfig", override: "Override", *, known: Sequence[str]) ->
     refusal = ""
     if override.type == OverrideType.DEL:
         refusal = f"keys are set, {key}=value, not deleted"
-    elif value is None and isinstance(default, str | DictConfig):
+    elif value is None and isinstance(default, str | DictConfig) and key not in NONE_ALLOWED:
         refusal = f"{key} cannot be null"
     if refusal:
         group = f"localizer@{key}"

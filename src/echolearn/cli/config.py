@@ -3,10 +3,12 @@
     conf/*.yaml + command line --compose--> plain containers --build--> objects
 
 `build` makes the call, innermost first; `targets` tells what may be called where. Errors of what is
-called come through as they are.
+called come through, with the keys that were typed: who is called knows that it is an `array`, not
+that this one stands in `scene`.
 """
 
 import inspect
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +16,11 @@ from echolearn.checks import BadValue, suggest
 from echolearn.cli.targets import TARGET, check_made, find
 
 Config = dict[str, Any]
+
+
+SHARED = frozenset("scene realism localizer noise diffuse rir".split())
+"""Groups that others refer to as a whole, `plan.scene: ${scene}`: their keys are typed as those of
+the group."""
 
 
 class UsageError(Exception):
@@ -35,16 +42,35 @@ def build(config: Any, name: str) -> Any:
     if not isinstance(config, dict):
         return config
 
-    arguments = {key: build(value, f"{name}.{key}") for key, value in config.items()}
+    arguments = {
+        key: build(value, key if key in SHARED else f"{name}.{key}")
+        for key, value in config.items()
+    }
     if TARGET not in config:
         return arguments
 
     target = arguments.pop(TARGET)
     function = find(target, name)
     _check_keys(arguments, function, name=name)
-    value = function(**arguments)
+    try:
+        value = function(**arguments)
+    except BadValue as error:
+        raise BadValue(_typed(str(error), name, keys=list(arguments))) from error
     check_made(value, target, name=name)
     return value
+
+
+def _typed(message: str, name: str, *, keys: list[str]) -> str:
+    """Return a message in which the keys of a place are those that can be typed.
+
+    Args:
+        message: of what was called there, which says `array.radius`.
+        name: dotted name of the place, such as `scene.array`.
+        keys: arguments of the call.
+    """
+    last = name.rpartition(".")[2]
+    key = "|".join(map(re.escape, keys)) or "(?!)"
+    return re.sub(rf"(?<![\w./'\"]){last}(?=\.(?:{key})\b)|\A{last}(?==)", name, message)
 
 
 def _check_keys(arguments: Config, function: Callable[..., Any], *, name: str) -> None:

@@ -1,7 +1,7 @@
 """Words of a command line, typed by the key they set: never by guessing what they look like.
 
     default of the key     what was typed is read as
-    text, or null          the same text; null is none where the default is null
+    text, or null          the same text; null is none where the default is null, or `bundle`'s
     true or false          true or false
     a number               a number, whole where the default is whole
 
@@ -23,6 +23,9 @@ from echolearn.storage.advice import assignment, shell, text_of
 
 TEXTS = frozenset("name runs survey bundle run best readme page scaling folder card".split())
 """Keys of names and paths, which take text even where their default is null."""
+
+NONE_ALLOWED = frozenset({"bundle"})
+"""Keys that may be null though their default is a text."""
 
 
 def plain_config(command: str, words: Sequence[str]) -> Config:
@@ -61,7 +64,7 @@ def read_value(word: str, default: Any) -> Any:
     key, _, value = word.partition("=")
     value = value.strip()
     if value.lower() == "null":
-        if default is not None:
+        if default is not None and key not in NONE_ALLOWED:
             raise UsageError(f"{word}: {key} cannot be null")
         return None
     if isinstance(default, bool):

@@ -83,7 +83,10 @@ def _of_recordings(health: Health) -> Iterator[str]:
         )
     known = health.snr_db[np.isfinite(health.snr_db)]
     if len(known) and np.median(known) < FEW_DB:
-        yield f"the SNR is {np.median(known):.0f} dB: average several pings at each pose"
+        yield (
+            f"the SNR may be as low as {np.median(known):.0f} dB: unless it is reverberation that "
+            "lasts to the end of the recordings, average several pings at each pose"
+        )
     if not health.direct:
         yield (
             "time zero is taken on trust, and one sample of latency moves every echo: leave the "

@@ -77,7 +77,8 @@ def check_survey(
     if reasons:
         print(folder / PAGE, flush=True)
         more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
-        raise BadValue(f"{survey}: map would refuse it: {reasons[0]}{more}")
+        alone = "" if health.refused else "; bundle=null asks about the recordings alone"
+        raise BadValue(f"{survey}: map would refuse it: {reasons[0]}{more}{alone}")
     return folder / PAGE
 
 

@@ -106,8 +106,12 @@ def _figures(survey: Survey, health: Health) -> list[tuple[str, str, str]]:
         ("curved waves", f"{bent:.1f} samples", "off plane ones, of a wall 1 m away"),
         ("latency", readable(late, "{:z.1f} samples"), readable(late / rate * 1e3, "{:z.2f} ms")),
         ("spread of latency", readable(spread, "{:z.1f} samples"), "over poses and microphones"),
-        ("SNR", readable(middle(health.snr_db), "{:.0f} dB"), _lowest(health)),
-        ("noise floor", readable(middle(health.noise_db), "{:.0f} dB"), "full scale is 0 dB"),
+        ("SNR, at least", readable(middle(health.snr_db), "{:z.0f} dB"), _lowest(health)),
+        (
+            "noise, at most",
+            readable(middle(health.noise_db), "{:z.0f} dB"),
+            "the quietest eighth of a recording, reverberation and all; full scale is 0 dB",
+        ),
         (
             "direct path",
             readable(-health.removed_db, "{:.0f} dB"),
@@ -152,7 +156,8 @@ def _lowest(health: Health) -> str:
     if not np.isfinite(health.snr_db).any():
         return "not measurable"
     pose = int(np.nanargmin(health.snr_db))
-    return f"lowest {health.snr_db[pose]:.0f} dB, pose {health.numbers[pose]}"
+    lowest = f"{health.snr_db[pose]:z.0f} dB, pose {health.numbers[pose]}"
+    return f"over the quietest eighth of a recording; lowest {lowest}"
 
 
 def _hum(health: Health) -> tuple[str, str]:

@@ -139,8 +139,8 @@ def _curves(survey: Survey, health: Health) -> str:
     """Return the quantities of each pose as curves."""
     late = health.latency_samples
     drawn = [
-        _curve("SNR, dB", health.snr_db[:, None], numbers=survey.numbers),
-        _curve("Noise floor, dB", health.noise_db[:, None], numbers=survey.numbers),
+        _curve("SNR, at least, dB", health.snr_db[:, None], numbers=survey.numbers),
+        _curve("Noise, at most, dB", health.noise_db[:, None], numbers=survey.numbers),
         _curve("Level of each microphone, dB", health.level_db, numbers=survey.numbers),
         _curve("Latency of each microphone, samples", late, numbers=survey.numbers),
     ]

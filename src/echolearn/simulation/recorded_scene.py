@@ -5,6 +5,7 @@ from pathlib import Path
 from echolearn.acoustics.types import MicArray, Noise, Probe
 from echolearn.checks import check
 from echolearn.simulation.scene import Responder, Scene
+from echolearn.storage import manifests
 from echolearn.survey.reader import read_survey
 from echolearn.survey.survey import Survey
 
@@ -54,4 +55,5 @@ def _opened(folder: str | None) -> Survey:
     hint = "scene.folder=<folder>"
     allowed = "must be a folder in the recorded-survey format"
     check(bool(folder), "scene.folder", folder, allowed=allowed, hint=hint)
+    manifests.check_folder("scene.folder", Path(str(folder)), allowed=allowed)
     return read_survey(Path(str(folder)))

@@ -84,6 +84,9 @@ def survey(
     check_whole("seed", seed, low=0)
     levels.check_scene(scene)
     seconds = noise_length(scene, noise_seconds)
+    most = audio.longest(len(scene.array))
+    hint = f"of {len(scene.array)} microphones, a file has at most {audio.LARGEST >> 20} MiB"
+    check_whole("scene.probe.length", scene.probe.length, low=1, high=most, hint=hint)
     walk = _walk(room, scene, poses=poses, start=start)
     origin = {"room": room, "scene": scene, "walk": walk, "seed": seed} | _given(levels)
     alone = {"noise_seconds": seconds} if seconds else {}

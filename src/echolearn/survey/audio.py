@@ -159,8 +159,11 @@ def burst_of(samples: Array, *, name: str) -> Array:
     """Return the burst of a probe (1, N), shape (L,): without the silence up to N.
 
     Raises:
-        BadValue: nothing but silence; names the file.
+        BadValue: several channels, or nothing but silence; names the file.
     """
+    allowed = "must be the one channel that the loudspeaker played"
+    hint = "is it stereo? sox in.wav out.wav remix 1 keeps the first"
+    check(len(samples) == 1, name, f"{len(samples)} channels", allowed=allowed, hint=hint)
     sounding = np.flatnonzero(samples[0])
     check(len(sounding) > 0, name, "silence", allowed="must be the burst that was emitted")
     return samples[0, : sounding[-1] + 1]

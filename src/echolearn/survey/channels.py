@@ -21,6 +21,14 @@ DEAD_DB = -40.0
 SOFT_DB = -12.0
 """Level over that of the median microphone at which one is dead, and at which that is told."""
 
+SOFTEST_DB = -60.0
+FURTHER_DB = -20.0
+"""Level over that of the median microphone from which one that hears echoes is soft, not dead, and
+over its own median at which it is dead in a recording."""
+
+MOSTLY = 0.5
+"""Share of recordings in which a microphone that is soft, not dead, hears an echo."""
+
 ONE = 0.98
 """Correlation from which two channels are one, and a channel is the emitted burst itself."""
 
@@ -95,11 +103,15 @@ def _where(walk: Walk, which: Array) -> str:
 
 def _dead(walk: Walk, found: Verdicts) -> Array:
     """Refuse microphones that hear nothing, and return which, shape (P, M), bool."""
-    level = np.where(walk.used, walk.level_db, np.nan)
-    below = level - np.nanmedian(level, axis=1, keepdims=True)
-    dead = below < DEAD_DB
-    # One that has noise of its own and hears nothing of what all others hear.
+    level = walk.level_db
+    below = level - np.median(level[:, walk.used], axis=1, keepdims=True)
     heard = (walk.echo.seen > SEEN).mean(axis=0)
+    # Whoever hears echoes in most recordings is soft, which gains mend; a loose plug takes more.
+    usual = np.median(below, axis=0)
+    is_soft = (heard > MOSTLY) & (usual > SOFTEST_DB)
+    least = np.where(is_soft, np.minimum(DEAD_DB, usual + FURTHER_DB), DEAD_DB)
+    dead = walk.used & (below < least)
+    # One that has noise of its own and hears nothing of what all others hear.
     others = [np.median(np.delete(heard, m)) for m in range(len(heard))] if len(heard) > 1 else [0]
     burst = np.median(walk.echo.score, axis=0)
     deaf = walk.used & (heard < 0.1) & (np.array(others) > 0.8) & (burst < 0.3) & (len(level) > 2)

@@ -37,7 +37,8 @@ class Health:
         clipping: share of the loudest burst's length that is at the rails, shape (P, M).
         noise_db: level of the quietest stretch of each recording, full scale 0 dB, shape (P,): the
             noise, or the reverberation if that never ends.
-        snr_db: level of the whole recording over that, in dB, shape (P,).
+        snr_db: level of the whole recording over that, in dB, shape (P,): the SNR at least, as what
+            reverberation is left in the quietest stretch counts as noise.
         removed_db: by how much removing the direct path softens what comes before the first echo,
             in dB; NaN if there is none.
         clock_drift_ppm: rate of the player's clock over the recorder's less 1, in 1e-6.
@@ -78,7 +79,9 @@ def mended(survey: Survey, health: Health) -> Survey:
     """
     if health.refused:
         more = len(health.refused) - 1
-        page = shlex.join(["echolearn", "check", assignment("survey", str(survey.folder))])
+        # What recordings say of themselves is the same for every bundle.
+        words = [assignment("survey", str(survey.folder)), "bundle=null"]
+        page = shlex.join(["echolearn", "check", *words])
         others = f" (and {more} more: {page})" if more else ""
         raise BadValue(f"{survey.folder}: {health.refused[0]}{others}")
     return as_found(survey, health)

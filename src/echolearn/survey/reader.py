@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
-from echolearn.acoustics.types import Array, MicArray, Pose, Probe
+from echolearn.acoustics.types import LONGEST, Array, MicArray, Pose, Probe
 from echolearn.checks import check
 from echolearn.storage import manifests
 from echolearn.survey import audio
@@ -35,9 +35,6 @@ from echolearn.survey.description import read_description
 from echolearn.survey.poses import Poses, read_poses
 from echolearn.survey.survey import CALIBRATION, NOISE, Survey
 from echolearn.survey.truth import TRUTH, read_truth
-
-LONGEST = 1 << 20
-"""Samples that a recording of one channel may have."""
 
 INSIDE = "must be a path inside the survey's folder"
 
