@@ -167,7 +167,7 @@ MISTAKES = """
 1 | map runs=[a] | error: runs=[a]: must be a path; quote it twice: "runs='[a]'"$
 1 | map bundle={a:1} | error: bundle={a:1}: must be a path
 1 | map name=[a] | error: name=[a]: must be a name
-1 | survey rir.order=3 | error: scene.rir.order=3: there is no such key; it has none$
+1 | survey rir.order=3 | error: rir.order=3: there is no such key; it has none$
 1 | survey room.size=[8,6] | room.size=[8, 6]: must be three lengths in m
 1 | compare | runs=runs: must be a folder with trained runs
 1 | map | survey=None: must be a folder in the recorded-survey format; name it:
