@@ -131,6 +131,13 @@ def test_each_step_from_a_command_to_the_arithmetic_names_the_next(title):
     assert re.search(r"\b(np|fft)\.", source(*steps[-1][:2]))
 
 
+def test_what_one_looks_for_stands_where_the_page_says():
+    [table] = re.findall(r"^## Where do I find \.\.\.\n(.*?)^## ", ARCHITECTURE, re.M | re.S)
+    places = re.findall(r"`([\w/]+\.py):([\w.]+)`", table)
+    assert len(places) > 20
+    assert all(source(path, name) for path, name in places)
+
+
 def test_every_room_has_its_line():
     package = ROOT / "src" / "echolearn"
     rooms = {path.parent.name for path in package.glob("*/__init__.py")} | {"checks"}
