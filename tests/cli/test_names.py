@@ -1,6 +1,7 @@
 """Multiruns: each job has a folder of its own, named after what the sweep varies; or none runs."""
 
 import shlex
+from pathlib import Path
 
 import pytest
 
@@ -94,6 +95,18 @@ def test_runs_of_a_comparison_are_a_folder_or_names_in_it(typed, expected):
     [(_, job)] = composed("compare", sweeps, options=options)
     place, names = chosen_runs(job["runs"])
     assert (str(place), names) == expected
+
+
+def test_a_run_may_be_named_without_a_pattern_and_by_its_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = tmp_path / "runs" / "train" / "svm_pair-few-s0-0123456789ab"
+    run.mkdir(parents=True)
+    (run / "metrics.json").touch()
+    (tmp_path / "mine").mkdir()
+    for typed in (run.name, "svm_pair", "svm_pair-few", f"runs/train/{run.name}", f"{run}/"):
+        place, [name] = chosen_runs(typed)
+        assert (run.parents[1] / "train" / run.name).match(f"{place}/train/{name}*")
+    assert chosen_runs("mine") == (Path("mine"), [])
 
 
 def test_names_of_runs_in_several_folders_are_refused():

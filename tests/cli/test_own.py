@@ -46,10 +46,11 @@ def echolearn(*words: str, folder: Path, **variables: str) -> subprocess.Complet
     )
 
 
-def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_from(own, tmp_path):
+def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_from(own):
     words = [
         "plan=tiny_scattered",
         "plan.rows=64",
+        "plan.name=few",
         "plan.t60=[0.25,0.25]",
         "plan.size_high=[6,6,3]",
     ]
@@ -62,7 +63,7 @@ def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_fro
     code = f"from echolearn.cli.main import main; assert not any(map(main, {lines}))"
     subprocess.run([sys.executable, "-c", code], cwd=own, check=True)
     runs = list((own / "runs" / "train").iterdir())
-    assert [run.name[:30] for run in runs] == ["plain_score-tiny_scattered-s0-"]
+    assert [run.name[:19] for run in runs] == ["plain_score-few-s0-"]
     assert f"--config-dir={own / 'mine'}" in (runs[0] / "metrics.json").read_text()
     assert '"plain.Plain"' in (runs[0] / "config.json").read_text()
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from echolearn.cli.keys import (
     built,
     leave_out,
+    named,
     needed,
     open_set,
     opened_set,
@@ -233,16 +234,20 @@ def _bench(config: "Config") -> Path:
 
 def _export(config: "Config") -> Path:
     """Make a trained run a bundle: a folder that a robot loads with numpy and onnxruntime alone."""
+    from echolearn.storage.named import folder_named
     from echolearn.training.export import export
 
+    runs = Path(config["runs"])
+    evidence = [str(folder_named(each, "compare", runs=runs)) for each in config["evidence"]]
     return export(
-        run=path_of(config["run"]),
-        best=path_of(config["best"]),
+        run=named(config, "run", place="train"),
+        best=named(config, "best", place="compare"),
         card=path_of(config["card"]),
-        runs=Path(config["runs"]),
+        runs=runs,
+        evidence=evidence,
         **built(config["scene"], "array probe", prefix="scene."),
         command=leave_out(("card=", "evidence="), config["command"]),
-        **built(config, "name aim resamples evidence"),
+        **built(config, "name aim resamples"),
     )
 
 

@@ -73,7 +73,7 @@ def endings(line: str, *, commands: Sequence[str], options: Sequence[str]) -> li
         known = _paths(word)
     elif before[0] in commands and word.partition("=")[0] in TEXTS:
         key, _, path = word.partition("=")
-        known = [f"{key}={found}" for found in _paths(path)]
+        known = [f"{key}={found}" for found in [*_paths(path), *_names(key)]]
     elif before[0] in commands:
         known = _by_hydra(before[0], [each for each in before[1:] if "=" in each], word=word)
         # Files beside the commands' are no words of ours.
@@ -105,6 +105,12 @@ def _by_hydra(command: str, words: Sequence[str], *, word: str) -> list[str]:
         found = DefaultCompletionPlugin(loader)._query(command, " ".join([*words, word]))
     ours = [each for each in found if not each.startswith("hydra")]
     return [f"{each}=" if options_of(each) else each for each in ours]
+
+
+def _names(key: str) -> list[str]:
+    """Return the names under `runs` that a key takes."""
+    place = {"survey": "survey", "bundle": "bundles", "run": "train", "best": "compare"}.get(key)
+    return [path.name for path in Path("runs").glob(f"{place}/*/") if place]
 
 
 def _paths(beginning: str) -> list[str]:

@@ -16,14 +16,17 @@ from functools import cache
 from importlib.util import find_spec
 from io import StringIO
 from itertools import product
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echolearn.checks import BadValue, suggest
 from echolearn.cli.config import Config, UsageError
+from echolearn.cli.names import plan_of_folder
 from echolearn.cli.own import folder, folders, teach_hydra
 from echolearn.cli.targets import TARGET
 from echolearn.cli.words import NONE_ALLOWED, TEXTS, is_text, plain_config, quoted, split
 from echolearn.storage.files import one_line
+from echolearn.storage.named import folder_named
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
@@ -68,7 +71,8 @@ def compose(
         teach_hydra()
         with initialize_config_dir(version_base="1.3", config_dir=str(folder())):
             jobs = []
-            for swept, job in _expand(words, many=many):
+            for swept, typed in _expand(words, many=many):
+                job = plan_of_folder(typed)
                 config = _configuration(primary or command, job, resolve=resolve)
                 told = {"command": command_of(command, job, primary=primary)}
                 jobs.append((swept, config | told))
@@ -158,6 +162,10 @@ def _configuration(command: str, job: Sequence[str], *, resolve: bool) -> Config
         for override in values:
             _set(config, override, known=known)
 
+    robot = OmegaConf.select(config, "scene.folder", default=None)
+    if isinstance(robot, str):
+        place = folder_named(robot, "survey", runs=Path(config.runs), key="scene.folder")
+        config.scene.folder = str(place)
     plain: Any = OmegaConf.to_container(config, resolve=resolve, throw_on_missing=resolve)
     return dict(plain)
 

@@ -77,12 +77,46 @@ def path_of(text: str | None) -> Path | None:
 
 
 def recorded_survey(config: "Config") -> Path:
-    """Return the folder of the survey that a command reads."""
-    return needed(config, "survey", allowed="must be a folder in the recorded-survey format")
+    """Return the folder of the survey that a command reads, which is named or called by its path.
+
+    Raises:
+        BadValue: none is named, or no survey has the name.
+    """
+    given = needed(config, "survey", allowed="must be a folder in the recorded-survey format")
+    return _called(given, "survey", config=config, key="survey")
 
 
-def needed(config: "Config", key: str, *, allowed: str) -> Path:
-    """Return the folder that a key names, which has no default.
+def named(config: "Config", key: str, *, place: str) -> Path | None:
+    """Return the folder that a key names or whose path it is, or None where it is null.
+
+    Args:
+        config: in plain containers.
+        key: its name.
+        place: folder under `runs` where such folders lie.
+
+    Raises:
+        BadValue: the beginning of several names.
+    """
+    given = config[key]
+    return _called(given, place, config=config, key=key) if given else None
+
+
+def _called(given: str, place: str, *, config: "Config", key: str) -> Path:
+    from echolearn.checks import check, suggest
+    from echolearn.storage.named import folder_named
+
+    base = Path(config["runs"]) / place
+    found = folder_named(given, place, runs=Path(config["runs"]), key=key)
+    known = sorted(each.name for each in base.glob("*") if each.is_dir())
+    # What is a path is refused by whoever reads it, who knows why.
+    there = "/" in given or found.exists() or not known
+    allowed = f"must be a folder, or the name of one under {base}"
+    check(there, key, given, allowed=allowed, hint=suggest(given, known))
+    return found
+
+
+def needed(config: "Config", key: str, *, allowed: str) -> str:
+    """Return what a key names that has no default: a folder, by its name or its path.
 
     Args:
         config: in plain containers.
@@ -93,7 +127,7 @@ def needed(config: "Config", key: str, *, allowed: str) -> Path:
 
     hint = f"name it: {' '.join(config['command'].split()[:2])} {key}=<folder>"
     check(bool(config[key]), key, config[key], allowed=allowed, hint=hint)
-    return Path(config[key])
+    return str(config[key])
 
 
 def leave_out(beginnings: tuple[str, ...], command: str) -> str:

@@ -126,13 +126,14 @@ def _own_folder(words: Sequence[str]) -> str | None:
 
 
 def verify_folders(folders: Sequence[str], *, trace: bool) -> None:
-    """Verify every folder, and say what is wrong with which.
+    """Verify every folder, named or by its path, and say what is wrong with which.
 
     Raises:
         UsageError: no folder, or an option.
     """
     from echolearn.cli.config import UsageError
     from echolearn.cli.sweeps import run_all
+    from echolearn.storage.named import all_named
 
     if not folders:
         raise UsageError("verify: name one or more folders, as in: echolearn verify runs/data/*")
@@ -140,6 +141,8 @@ def verify_folders(folders: Sequence[str], *, trace: bool) -> None:
         if folder.startswith("-"):
             hint = f"verify takes folders, ./{folder} if it is one"
             raise UsageError(f"{folder}: there is no such option; {hint}")
+    # One name may be that of a run and of the bundle made of it.
+    folders = [place for each in folders for place in all_named(each, runs=Path("runs"))]
     if len(folders) == 1:
         print(verify_folder(folders[0]))
     else:

@@ -13,13 +13,17 @@ import re
 import shlex
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from glob import escape
 from pathlib import Path
 from typing import Any
 
-from echolearn.checks import LONGEST_NAME
+from echolearn.checks import LONGEST_NAME, check
 from echolearn.cli.config import UsageError
-from echolearn.storage.advice import PLACES, assignment, shell, text_of
+from echolearn.cli.own import options_of
+from echolearn.storage.advice import PLACES, assignment, own_command, shell, text_of
 from echolearn.storage.identity import digest
+from echolearn.storage.manifests import MANIFEST, METRICS, load_manifest
+from echolearn.storage.named import folder_named
 
 Job = tuple[str, dict[str, Any]]
 
@@ -47,13 +51,13 @@ CHOOSING = "*?["
 def chosen_runs(text: str) -> tuple[Path, list[str]]:
     """Return the folder of everything generated and patterns of its runs, from a value of `runs`.
 
-    That is a folder, or names of runs with a * or a comma: `trees_*,mlp_*`, in another folder
+    That is a folder, or names or folders of runs: `trees_*,mlp_*`, in another folder
     `elsewhere/trees_*` or `elsewhere/train/trees_*`.
 
     Raises:
         UsageError: runs in several folders.
     """
-    if not {*text} & {*CHOOSING, ","}:
+    if not {*text} & {*CHOOSING, ","} and not _is_run(Path(text)):
         return Path(text), []
     paths = [Path(each.strip()) for each in text.split(",") if each.strip()]
     places = {path.parent.parent if path.parent.name == "train" else path.parent for path in paths}
@@ -61,6 +65,40 @@ def chosen_runs(text: str) -> tuple[Path, list[str]]:
         raise UsageError(f"runs={text}: must be names of runs in one folder")
     [place] = places
     return (Path("runs") if place == Path() else place), [path.name for path in paths]
+
+
+def _is_run(path: Path) -> bool:
+    """Tell whether a path is a run, or the name of one or of several in the usual folder."""
+    if path.is_dir():
+        return (path / METRICS).is_file()
+    usual = Path("runs/train")
+    found = [usual / path / METRICS, *usual.glob(f"{escape(path.name)}-*/{METRICS}")]
+    return len(path.parts) == 1 and any(each.is_file() for each in found)
+
+
+def plan_of_folder(words: Sequence[str]) -> list[str]:
+    """Return words in which a set, `plan=<its folder or name>`, is told by the words that made it.
+
+    Raises:
+        BadValue: the set was made elsewhere, so that nothing is known of its plan, or lies there.
+    """
+    typed = {word.partition("=")[0]: text_of(word.partition("=")[2]) for word in words}
+    runs = Path(typed.get("runs", "runs"))
+    given = typed.get("plan", "")
+    if not given or given in options_of("plan"):
+        return list(words)
+    place = folder_named(given, "data", runs=runs, key="plan")
+    if not (place / MANIFEST).is_file():
+        return list(words)
+    made = shlex.split(own_command(load_manifest(place)))[2:]
+    allowed = "must be the name of a plan, or a set that was made here"
+    check(bool(made), "plan", given, allowed=allowed, hint="of another set, type its plan")
+    there = place.resolve().parent == (runs / "data").resolve()
+    hint = f"add {assignment('runs', str(place.parents[1]))}"
+    check(there, "plan", given, allowed=f"must be a set under {runs / 'data'}", hint=hint)
+    own = [word for word in made if not word.startswith(("runs=", "--"))]
+    index = next(i for i, word in enumerate(words) if word.startswith("plan="))
+    return [*words[:index], *own, *words[index + 1 :]]
 
 
 def as_one_text(word: str) -> str:

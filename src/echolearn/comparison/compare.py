@@ -172,13 +172,31 @@ def load_inputs(
     return Inputs(
         models | {run.model: [run] for run, _ in found},
         {plan["name"]: plan["role"] for plan in plans if "role" in plan},
-        {key: Dataset(find_set(runs, key)) for key in tested},
-        {key: find_survey(runs, key) for key in surveys},
+        _named_sets([find_set(runs, key) for key in tested]),
+        _named_surveys(runs, surveys),
         localizers,
         {run.data_digest: robot for run, robot in found} | robots,
         trained,
         selected,
     )
+
+
+def _named_sets(folders: Sequence[Path]) -> dict[str, Dataset]:
+    """Return sets by the name of their plan, or of their folder where two share one."""
+    # Whether a set was named by its plan or by its folder, it is there once.
+    opened = [Dataset(place) for place in dict.fromkeys(each.resolve() for each in folders)]
+    names = [each.name for each in opened]
+    return {each.name if names.count(each.name) == 1 else each.folder.name: each for each in opened}
+
+
+def _named_surveys(runs: Path, surveys: Sequence[str]) -> dict[str, Path]:
+    """Return folders of surveys as they are called, those under `runs` by their names."""
+    found = {key: find_survey(runs, key) for key in surveys}
+    usual = (runs / "survey").resolve()
+    return {
+        place.name if place.resolve().parent == usual else key: place
+        for key, place in found.items()
+    }
 
 
 def _known_sets(runs: Path) -> dict[Path, dict[str, Any]]:

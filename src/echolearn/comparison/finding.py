@@ -11,6 +11,7 @@ from echolearn.storage.files import sha256
 from echolearn.storage.identity import digest
 from echolearn.storage.journal import JOURNAL
 from echolearn.storage.manifests import MANIFEST, load_manifest, verify
+from echolearn.storage.named import folder_called
 from echolearn.survey.proof import used
 from echolearn.survey.reader import read_survey
 
@@ -19,13 +20,16 @@ BEGUN = ("simulated.json", "imported.json")
 
 
 def find_set(runs: Path, name: str) -> Path:
-    """Return the folder of the one finished set called `name`.
+    """Return the folder of the one finished set called `name`, of its plan or in full, or there.
 
     Sets of another version are passed over: nothing but `verify` can read them.
 
     Raises:
         BadValue: none, or several that differ in their settings.
     """
+    whole = folder_called(name, "data", runs=runs)
+    if whole is not None:
+        return whole
     pattern = f"data/{escape(name)}-{'[!-]' * 12}/{MANIFEST}"
     # What follows the name is the digest alone: `grid-*` finds `grid-fine-<digest>`, too.
     named = sorted(each.parent for each in runs.glob(pattern))
@@ -50,7 +54,7 @@ def find_survey(runs: Path, name: str) -> Path:
     Raises:
         BadValue: there is none, or it is still being made.
     """
-    folder = Path(name) if "/" in name else runs / "survey" / name
+    folder = folder_called(name, "survey", runs=runs) or runs / "survey" / name
     begun = any((folder / each).is_file() for each in (JOURNAL, *BEGUN))
     recorded = (folder / "survey.yaml").is_file() and not begun
     finished = (folder / MANIFEST).is_file() or recorded

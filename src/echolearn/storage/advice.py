@@ -12,6 +12,7 @@ import os
 import re
 import shlex
 from collections.abc import Mapping
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +125,11 @@ def anywhere(command: str, folder: Path) -> str:
     for index, word in enumerate(told):
         key = word.partition("=")[0]
         if base and key in PATHS and typed[key] not in ("", "null"):
-            told[index] = assignment(key, os.path.normpath(base / typed[key]))
+            path = os.path.normpath(base / typed[key])
+            # A name leads to the same from everywhere.
+            named = "/" not in typed[key] and any(runs.glob(f"*/{escape(typed[key])}"))
+            if not named or os.path.exists(path):
+                told[index] = assignment(key, path)
     return shlex.join([program, name, *told, assignment("runs", str(runs))])
 
 

@@ -100,7 +100,8 @@ def find_runs(runs: Path, wanted: Wanted = EVERY) -> tuple[list[Run], dict[Model
 
 def _has(run: Run, pattern: str) -> bool:
     names = (run.identity, run.model.classifier, str(run.metrics["name"]))
-    return any(fnmatchcase(name, pattern) for name in names)
+    begins = run.identity.startswith(f"{pattern}-")
+    return begins or any(fnmatchcase(name, pattern) for name in names)
 
 
 def told_apart(found: Sequence[Run]) -> list[Run]:
