@@ -18,7 +18,7 @@ SETS := paper,paper_planar,scattered,offgrid_10x8x6,offgrid_8x6x5,offgrid_13x11x
 # Classifiers that are cross-validated, too, as in the paper: those that fit in seconds.
 CROSSED := s*,t*
 # Those for sets of their own (`plan=varied`): they are no rows of the paper's comparison.
-LATER := walls_*,*_ideal,*_cfar,*_invariant,ensemble,mapnet,posenet
+LATER := sklearn,walls_*,*_ideal,*_cfar,*_invariant,ensemble,mapnet,posenet
 # The rooms that are mapped.
 MAPPED := 8x6x5,13x11x5
 
@@ -107,7 +107,7 @@ point: $(READY) ## the bundle `point` that comes along, made anew: sets, filter,
 # Filters on large sets: every classifier, label and kind of column, every ingredient of realism left out in turn.
 ROWS ?= 50000
 SEEDS ?= 0,1,2
-MODELS ?= glob(*)
+MODELS ?= glob(*,exclude=[sklearn])
 FEWER = $(shell echo $$(($(ROWS) / 5)))
 WHOLE = plan=varied plan.rows=$(ROWS) 'plan.further=[$(FURTHER),cfar,$(TENSORS)]'
 PART = plan=varied plan.rows=$(FEWER)

@@ -28,7 +28,8 @@ OWNERS = {
     "numpy scipy": ROOMS,
     "hydra omegaconf": ["cli"],
     "yaml": ["cli", "survey"],
-    "lightning safetensors sklearn": ["classifiers"],
+    "lightning safetensors": ["classifiers"],
+    "sklearn": ["classifiers", "training"],
     # Room impulse responses and the matched filters of sets are computed on a GPU, if asked.
     "torch": ["classifiers", "training", "simulation", "dataset"],
     "onnx": ["bench", "classifiers"],

@@ -38,6 +38,7 @@ PUBLIC = {
     "PolygonRoom": "acoustics.polygon_room.PolygonRoom",
     "Pose": "acoustics.types.Pose",
     "Room": "acoustics.types.Room",
+    "filter": "cli.by_name.filter_named",
     "localize": "robot.by_name.localize_named",
     "open_bundle": "comparison.opening.bundle_named",
     "open_run": "comparison.opening.run_named",

@@ -3,6 +3,7 @@ from echolearn.acoustics.types import MicArray as MicArray
 from echolearn.acoustics.types import Observation as Observation
 from echolearn.acoustics.types import Pose as Pose
 from echolearn.acoustics.types import Room as Room
+from echolearn.cli.by_name import filter_named as filter
 from echolearn.comparison.opening import bundle_named as open_bundle
 from echolearn.comparison.opening import run_named as open_run
 from echolearn.comparison.opening import set_named as open_set
@@ -16,6 +17,7 @@ __all__ = [
     "PolygonRoom",
     "Pose",
     "Room",
+    "filter",
     "localize",
     "open_bundle",
     "open_run",

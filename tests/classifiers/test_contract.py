@@ -22,6 +22,9 @@ from echolearn.localization.columns import MAP_SECTORS
 NAMES = sorted(path.stem for path in (own.folder() / "classifier").glob("*.yaml"))
 QUICK = {
     "Network": {"epochs": 12, "patience": 12, "batch_size": 32, "lr": 5e-3},
+    "Sklearn": {
+        "estimator": {"_target_": "sklearn.ensemble.RandomForestClassifier", "n_estimators": 20}
+    },
     "Svm": {"c_grid": [1.0, 10.0], "gamma_grid": [0.01, 0.1]},
     "Trees": {"iterations": 25, "min_leaf": 5},
 }

@@ -30,6 +30,7 @@ VARIED = [
     ({"classifier.c_grid": [0.1, 10.0], "classifier.gamma_grid": [1]}, "c0.1_10-gamma1"),
     ({"classifier.monitor": "auc", "aim": "precision 0.9"}, "monitor_auc-aim_precision_0.9"),
     ({"classifier.members.a.l2": 1, "classifier.members.b.l2": 2}, "members.a.l21-members.b.l22"),
+    ({"classifier.estimator._target_": "sklearn.svm.LinearSVC", "aim": "a"}, "LinearSVC-aim_a"),
     ({"classifier.path": "../x y"}, "path_.._x_y"),
 ]
 

@@ -24,6 +24,7 @@ KINDS = {
     "diffuse": "echolearn.acoustics.types.Noise",
     "diffuse.source": "echolearn.simulation.noise.diffuse.Source",
     "engine": "echolearn.runtime.engine.Engine",
+    "estimator": "sklearn.base.BaseEstimator",
     "growing": "echolearn.dataset.plans.Plan",
     "localizer": "echolearn.localization.localizer.Localizer",
     "loudspeaker": "echolearn.acoustics.types.Probe",

@@ -38,6 +38,10 @@ def variant_text(varied: Mapping[str, Any]) -> str:
     parts = []
     for key, value in varied.items():
         end = _end(key)
+        if end == "_target_":
+            # What a class is called says enough; with its package it would be a digest.
+            parts.append(_plain(str(value).rpartition(".")[2]))
+            continue
         name = end if ends.count(end) == 1 else key.removeprefix("classifier.")
         text = _plain(value)
         parts.append(f"{name}{text}" if text[:1].isdecimal() else f"{name}_{text}")
