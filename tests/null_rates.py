@@ -4,8 +4,9 @@
 
 Two models that are equally good, or k of them, by simulation; an interval counts as a finding where
 it leaves the truth out. What is known to be wrong stands beside it: rows taken for independent,
-folds taken for independent, several tests without a correction. The table is printed, and put into
-the page (docs/statistics.md).
+folds taken for independent, several tests without a correction. And how often each interval holds a
+difference that is there and known: should be near 95 %. Both tables are printed, and put into the
+page (docs/statistics.md).
 """
 
 import sys
@@ -13,11 +14,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import ttest_1samp
+from scipy.stats import norm, ttest_1samp
 
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import pairs, pooling, ranks, stats
-from echolearn.evaluation.metrics import kept
+from echolearn.evaluation.metrics import auc, kept
 from echolearn.evaluation.paired_tests import corrected_t, mcnemar
 from echolearn.storage.marked_page import Markers, write_between
 
@@ -29,7 +30,16 @@ PAGE = Markers(
 """Lines of a page between which the table stands."""
 
 Found = dict[str, bool]
-"""Which tests found a difference in one case."""
+"""Which tests found a difference in one case, or which intervals held it."""
+
+WALKS = 60, 160
+"""Poses of a short walk, and of one as `echolearn survey` makes it."""
+
+SHARES = 0.8, 0.7
+"""Of right answers of two models that are not equally good."""
+
+RESAMPLES = 1000
+"""Draws of each interval, as many as a comparison makes."""
 
 
 def equal_models(
@@ -112,29 +122,93 @@ def intervals(rng: np.random.Generator) -> Found:
     """Draw a figure's interval: over rooms, over a walk whose neighbouring poses are alike."""
     found = {}
     for rooms in (pooling.LEAST_ROOMS, 2 * pooling.LEAST_ROOMS):
-        values = 0.2 * rng.normal(size=(rooms, 1)) + rng.normal(size=(rooms, 40))
-        weights = rng.multinomial(40, [1 / 40] * 40, size=200) / 40
-        pooled = pooling.pool(values.mean(axis=1), values @ weights.T, units=values.size)
-        found[f"interval over {rooms} rooms"] = not pooled.figure.low <= 0 <= pooled.figure.high
-        mean = stats.interval(_mean(values.ravel()), _rows(rng, values.size))
-        found[f"rows of {rooms} rooms as if independent"] = not mean.low <= 0 <= mean.high
-    noise = rng.normal(size=164)
-    walk = np.convolve(noise, np.ones(5) / np.sqrt(5), "valid")
-    poses = np.arange(len(walk))
-    seed = int(rng.integers(2**31))
-    weights = stats.walk_weights(poses, resamples=200, seed=seed)
-    units = len(walk) // stats.stretch(len(walk))
-    stretches, _ = pooling.bounded(walk.mean(), _mean(walk)(weights), units=units)
-    found["interval over stretches of a walk"] = not stretches.low <= 0 <= stretches.high
-    mean = stats.interval(_mean(walk), _rows(rng, len(walk)))
-    found["poses of a walk as if independent"] = not mean.low <= 0 <= mean.high
+        values = _in_rooms(rng, rooms)
+        found[f"interval over {rooms} rooms"] = not _holds(over_rooms(rng, values), 0.0)
+        alone = over_rows(rng, values.ravel())
+        found[f"rows of {rooms} rooms as if independent"] = not _holds(alone, 0.0)
+    for poses in WALKS:
+        values = _on_walk(rng, poses)
+        found[f"interval over stretches of a walk of {poses} poses"] = not _holds(
+            over_stretches(rng, values), 0.0
+        )
+        alone = over_rows(rng, values)
+        found[f"{poses} poses of a walk as if independent"] = not _holds(alone, 0.0)
     return found
 
 
-def _rows(rng: np.random.Generator, count: int) -> Array:
-    """Return 200 resamples of rows, one by one."""
+def effects(rng: np.random.Generator) -> Found:
+    """Draw intervals of differences that are there: of shares of right answers, and of AUC."""
+    share = SHARES[0] - SHARES[1]
+    found = {}
+    for rooms in (pooling.LEAST_ROOMS, 2 * pooling.LEAST_ROOMS):
+        better = _lead(*(_in_rooms(rng, rooms) for _ in range(3)))
+        found[f"share right, {rooms} rooms, {share:+.2f}"] = _holds(over_rooms(rng, better), share)
+    for poses in WALKS:
+        better = _lead(*(_on_walk(rng, poses) for _ in range(3)))
+        name = f"share right, stretches of a walk of {poses} poses, {share:+.2f}"
+        found[name] = _holds(over_stretches(rng, better), share)
+
+    reference, groups, first, second = equal_models(rng)
+    weaker = second - 0.5 * reference
+    weights = stats.cluster_weights(groups, resamples=RESAMPLES, seed=int(rng.integers(2**31)))
+    lead = stats.interval(
+        lambda w: auc(reference, first, weights=w) - auc(reference, weaker, weights=w), weights
+    )
+    # True rows are 2 (or 1.5) above false ones, and two rows differ with this variance.
+    truth = float(norm.cdf(2.0 / 4.5**0.5) - norm.cdf(1.5 / 4.5**0.5))
+    found[f"AUC, 60 positions, {truth:+.3f}"] = _holds(lead, truth)
+    return found
+
+
+def _in_rooms(rng: np.random.Generator, rooms: int) -> Array:
+    """Return normal values of 40 positions in each room that are alike in a room, (R, 40)."""
+    alike = 0.2 * rng.normal(size=(rooms, 1)) + rng.normal(size=(rooms, 40))
+    return alike / np.sqrt(1.04)
+
+
+def _on_walk(rng: np.random.Generator, poses: int) -> Array:
+    """Return normal values of poses of which up to five in a row have something in common."""
+    return np.convolve(rng.normal(size=poses + 4), np.ones(5) / np.sqrt(5), "valid")
+
+
+def _lead(common: Array, *own: Array) -> Array:
+    """Return by how much one model is right more often than the other, -1, 0 or 1 each.
+
+    Both find hard what is hard, a half, and the other half is their own.
+    """
+    limits = norm.ppf(SHARES)
+    right = [(common + each) / np.sqrt(2) < limit for each, limit in zip(own, limits, strict=True)]
+    return right[0].astype(float) - right[1]
+
+
+def over_rooms(rng: np.random.Generator, values: Array) -> stats.Interval:
+    """Return the mean of values (R, P) with its interval over rooms."""
+    positions = values.shape[1]
+    weights = rng.multinomial(positions, [1 / positions] * positions, size=RESAMPLES) / positions
+    return pooling.pool(values.mean(axis=1), values @ weights.T, units=values.size).figure
+
+
+def over_stretches(rng: np.random.Generator, values: Array) -> stats.Interval:
+    """Return the mean of values (P,) along a walk with its interval over stretches."""
+    count = len(values)
     seed = int(rng.integers(2**31))
-    return stats.cluster_weights(np.arange(count), resamples=200, seed=seed)
+    weights = stats.walk_weights(np.arange(count), resamples=RESAMPLES, seed=seed)
+    units = count // stats.stretch(count)
+    return pooling.bounded(values.mean(), _mean(values)(weights), units=units)[0]
+
+
+def over_rows(rng: np.random.Generator, values: Array) -> stats.Interval:
+    """Return the mean of values (B,) with its interval over rows, one by one."""
+    seed = int(rng.integers(2**31))
+    rows = np.arange(len(values))
+    return stats.interval(
+        _mean(values), stats.cluster_weights(rows, resamples=RESAMPLES, seed=seed)
+    )
+
+
+def _holds(found: stats.Interval, truth: float) -> bool:
+    """Tell whether an interval holds the truth."""
+    return found.low <= truth <= found.high
 
 
 def _mean(values: Array) -> stats.Statistic:
@@ -148,17 +222,36 @@ def rates(cases: int) -> Iterator[tuple[str, float]]:
         rows, folds, ranked, several, intervals
     )  # fmt: skip
     for draw in draws:
-        found = [draw(np.random.default_rng([case, 17])) for case in range(cases)]
-        for name in found[0]:
-            yield name, float(np.mean([each[name] for each in found]))
+        yield from _shares(draw, cases)
+
+
+def coverage(cases: int) -> Iterator[tuple[str, float]]:
+    """Yield each figure's name with the share of cases in which its interval held the truth."""
+    yield from _shares(effects, cases)
+
+
+def _shares(
+    draw: Callable[[np.random.Generator], Found], cases: int
+) -> Iterator[tuple[str, float]]:
+    """Yield by name in which share of cases each was so."""
+    found = [draw(np.random.default_rng([case, 17])) for case in range(cases)]
+    for name in found[0]:
+        yield name, float(np.mean([each[name] for each in found]))
 
 
 def table(cases: int) -> str:
-    """Return a Markdown table of all rates."""
-    lines = ["| test | finds a difference in |", "|---|---|"]
-    lines += [f"| {name} | {rate:.1%} |" for name, rate in rates(cases)]
-    chance = 1.96 * (0.05 * 0.95 / cases) ** 0.5
-    return "\n".join([*lines, "", f"{cases} cases; of 5 %, chance alone is worth +-{chance:.1%}."])
+    """Return Markdown tables of all rates and of all coverages, each with its own uncertainty."""
+    lines = ["| test | finds a difference in | 95 % interval of that |", "|---|---|---|"]
+    lines += [_line(*each, cases=cases) for each in rates(cases)]
+    lines += ["", "| difference of | its interval holds it in | 95 % interval of that |"]
+    lines += ["|---|---|---|", *(_line(*each, cases=cases) for each in coverage(cases))]
+    return "\n".join([*lines, "", f"{cases} cases, intervals by {RESAMPLES} draws."])
+
+
+def _line(name: str, share: float, *, cases: int) -> str:
+    """Return a line of a table."""
+    _, low, high = stats.wilson(round(share * cases), cases)
+    return f"| {name} | {share:.1%} | {100 * low:.1f}-{100 * high:.1f}% |"
 
 
 if __name__ == "__main__":
