@@ -12,6 +12,7 @@ from echolearn.dataset.hypothesis_records import HypothesisPlan, hypothesis_reco
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.dataset.walk_plan import WalkPlan
 from echolearn.dataset.walk_set import WalkSet
+from echolearn.localization.columns import STRIP_ENTRIES
 from echolearn.runtime.engines.processes import Processes
 from echolearn.runtime.engines.serial import Serial
 from echolearn.simulation.noise.white import White
@@ -23,6 +24,7 @@ from echolearn.training.split import LearningProblem
 from echolearn.walls.hypotheses import hypotheses
 from echolearn.walls.nouns import GEOMETRY, SOUND
 from echolearn.walls.strips import geometry_columns, sound_columns, strips
+from echolearn.walls.track import follow
 from refusals import refused
 
 SCENE = Scene(circular_array(), noise_probe(burst=500, length=4000), Images(), White())
@@ -93,6 +95,39 @@ def test_a_record_is_what_strips_of_the_walk_say(runs, made):
     assert np.array_equal(records["theta"], found.theta)
     dataset = Dataset(made)
     assert np.array_equal(dataset["rho"][dataset["group"] == 3], found.rho)
+
+
+def test_strips_are_stored_with_the_walks_number_and_noise_where_nothing_is_known(runs, made):
+    [source] = [place for place in (runs / "data").glob("few-*")]
+    walk = WalkSet(source).heard(3)
+    cut = strips(walk, hypotheses(walk, count=8))
+    dataset = Dataset(made)
+    stored = dataset["strips"][dataset["group"] == 3].astype(float)
+    assert stored.shape == (len(cut.seen), 30, STRIP_ENTRIES)
+    assert (stored[:, :2, 0] == [0, 3]).all() and not stored[:, 2:, 0].any()
+    rows = stored[..., 1:].reshape(*cut.values.shape)
+    for strip, values, known, seen in zip(rows, cut.values, cut.known, cut.seen, strict=True):
+        # Poses that have the line in their window come first, in their order.
+        count = seen.sum()
+        assert not strip[count:].any()
+        np.testing.assert_allclose(
+            strip[:count][known[seen]], values[seen][known[seen]], rtol=1e-3, atol=1e-3
+        )
+        assert (strip[:count] != 0).all()
+
+
+def test_lines_are_kept_as_their_tracks_have_them(runs, made):
+    [source] = [place for place in (runs / "data").glob("few-*")]
+    walk = WalkSet(source).heard(2)
+    found = hypotheses(walk, count=8)
+    track = follow(walk, found, cut=strips(walk, found), number=0)
+    dataset = Dataset(made)
+    first = np.flatnonzero(dataset["group"] == 2)[:1]
+    line = [dataset.gather(name, first)[0] for name in ("normal", "offset", "normal_sd")]
+    assert line == [track.line.normal, track.line.offset, track.line.normal_sd]
+    stretches = dataset.gather("stretches", first)[0]
+    assert np.array_equal(stretches[: len(track.stretches)], track.stretches)
+    assert np.isnan(stretches[len(track.stretches) :]).all()
 
 
 def test_the_set_is_verified_resumed_and_the_same_for_any_engine(made, runs):

@@ -13,6 +13,7 @@ KEYS: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
     "observation": ((), ()),
     "noise alone": ((), (1,)),
     "realism": ((), (2,)),
+    "strips": ((), (3,)),
     "place": ((0,), ()),
     "fault": ((1,), ()),
     "trial": ((2,), ()),
@@ -20,7 +21,7 @@ KEYS: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
     "burst": ((4,), ()),
     "stretch": ((5,), ()),
 }
-"""What stands before and after the index in the key of each purpose. The first three belong to sets
+"""What stands before and after the index in the key of each purpose. The first four belong to sets
 and surveys (index: row or pose), the others to studies (index: place or trial), which never share a
 seed's streams with them."""
 

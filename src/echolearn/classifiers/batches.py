@@ -31,7 +31,15 @@ Source = Callable[[torch.Tensor], torch.Tensor]
 class Batches:
     """Inputs and labels in equal parts, reshuffled at each pass if there is a seed."""
 
-    def __init__(self, source: Source, y: Array, *, size: int, seed: int | None = None) -> None:
+    def __init__(
+        self,
+        source: Source,
+        y: Array,
+        *,
+        size: int,
+        seed: int | None = None,
+        walks: Array | None = None,
+    ) -> None:
         """Divide rows into batches.
 
         Args:
@@ -39,18 +47,28 @@ class Batches:
             y: labels, shape (B,).
             size: rows in a batch, about.
             seed: seed of the order; None leaves the rows in theirs.
+            walks: number 0, 1, 2 ... of the walk of each row, (B,), of which none is parted; None:
+                each row by itself.
         """
         self.source = source
         self.y = torch.from_numpy(np.asarray(y).astype(np.float32))
         self.rows = len(y)
+        self.members = None
+        if walks is not None:
+            ends = np.flatnonzero(np.diff(walks)) + 1
+            self.members = torch.arange(self.rows).tensor_split(ends.tolist())
         self.count = max(1, round(self.rows / size))
         self.generator = None if seed is None else torch.Generator().manual_seed(seed)
 
     def __iter__(self) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        order = torch.arange(self.rows)
+        units = self.rows if self.members is None else len(self.members)
+        order = torch.arange(units)
         if self.generator is not None:
-            order = torch.randperm(self.rows, generator=self.generator)
-        for rows in order.tensor_split(self.count):
+            order = torch.randperm(units, generator=self.generator)
+        for part in order.tensor_split(min(self.count, units)):
+            rows = part
+            if self.members is not None:
+                rows = torch.cat([self.members[each] for each in part.tolist()])
             yield self.source(rows), self.y[rows]
 
 
@@ -72,6 +90,8 @@ def source_of(rows: Rows, standardise: torch.nn.Module) -> Source:
     if 4 * math.prod(rows.shape) > IN_MEMORY:
         return lambda indices: standardise(torch.from_numpy(rows[indices.numpy()]))
     whole = torch.empty(rows.shape)
-    for start, block in enumerate(blocks_of(rows, rows.inputs, size=BLOCK)):
-        whole[start * BLOCK : (start + 1) * BLOCK] = standardise(torch.from_numpy(block))
+    start = 0
+    for block in blocks_of(rows, rows.inputs, size=BLOCK):
+        whole[start : start + len(block)] = standardise(torch.from_numpy(block))
+        start += len(block)
     return whole.__getitem__

@@ -10,9 +10,13 @@ import numpy as np
 import onnxruntime
 
 from echolearn.acoustics.types import Array
+from echolearn.classifiers.inputs import parts_of
 
 BLOCK = 1024
 """Rows scored at once."""
+
+POSES = "poses"
+"""Name of the axis that inputs have which hold whole walks (`inputs.walks_in`)."""
 
 
 def open_onnx(data: bytes) -> Callable[[Array], Array]:
@@ -24,12 +28,14 @@ def open_onnx(data: bytes) -> Callable[[Array], Array]:
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
 
+    together = POSES in session.get_inputs()[0].shape
+
     def confidence(x: Array) -> Array:
         """Return the confidences (B,) of inputs (B, ...)."""
         x = np.ascontiguousarray(x, dtype=np.float32)
         found = [np.empty(0)]
-        for start in range(0, len(x), BLOCK):
-            found += session.run(None, {"x": x[start : start + BLOCK]})
+        for block in parts_of(x, BLOCK, together=together):
+            found += session.run(None, {"x": block}) if len(block) else []
         return np.concatenate(found)
 
     return confidence

@@ -3,8 +3,12 @@
 Columns fit into any memory, tensors do not: 100 000 covariances are as many pages of shards on
 disk. `Rows` stand for an array whose rows are fetched when they are asked for. Whoever needs the
 whole array says `as_input(x, inputs)`.
+
+What is believed of a wall hypothesis depends on the others of its walk. Rows of `strips` therefore
+say which walk they are of, and no block parts one (`walks_in`).
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +18,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import BadValue, check
-from echolearn.localization.columns import TENSOR_VIEWS
+from echolearn.localization.columns import STRIP_ENTRIES, STRIPS, TENSOR_VIEWS
 
 FEATURES = "features"
 COVARIANCE = "covariance"
@@ -25,6 +29,7 @@ VIEWS = {
     COVARIANCE: "(B, bands, M * M)",
     MAP: "(B, sectors + 1 + M, lags)",
     POSE: "(B, candidates, K)",
+    STRIPS: f"(B, poses, {STRIP_ENTRIES})",
 }
 """What a classifier can look at; of tensors the shape."""
 
@@ -46,6 +51,12 @@ TRUTH = (
     "truth_toa",
 )
 """Columns that only a simulation knows; a classifier that saw them would be told the answer."""
+
+AT_ONCE = 2**23
+"""Most numbers of a block of rows: 32 MiB."""
+
+LARGEST_WALK = 128
+"""Wall hypotheses of a walk that are looked at together, at most."""
 
 
 def view_of(inputs: Sequence[str]) -> str:
@@ -158,8 +169,50 @@ def blocks_of(x: Inputs, inputs: Sequence[str], *, size: int = 2048) -> Iterator
         size: rows in an array, at most.
     """
     rows = rows_of(x, inputs)
-    for start in range(0, max(1, len(rows)), size):
-        yield rows[start : start + size]
+    yield from parts_of(rows, size, together=view_of(inputs) == STRIPS)
+
+
+def parts_of(rows: Inputs, size: int, *, together: bool) -> Iterator[Array]:
+    """Yield rows as arrays of at most `size`, fewer where they are large, and one if there is none.
+
+    Args:
+        rows: shape (B, ...).
+        size: rows in an array, at most.
+        together: whether they are strips, of which no walk is parted.
+    """
+    # Attention grows with the square of the rows.
+    size = LARGEST_WALK if together else block_rows(rows.shape[1:], size)
+    start = 0
+    while start < max(1, len(rows)):
+        block = rows[start : start + size]
+        if together and start + size < len(rows):
+            # The last walk may go on behind the block: it comes with the next one.
+            walk = walks_in(block)
+            block = block[walk < max(walk[-1], 1)]
+        yield block
+        start += max(1, len(block))
+
+
+def block_rows(shape: Sequence[int], most: int) -> int:
+    """Return how many rows of a shape, at most `most`, are worked on at a time."""
+    return max(1, min(most, AT_ONCE // max(1, math.prod(shape))))
+
+
+def walks_in(strips: Array) -> Array:
+    """Return the walk of each strip (B, poses, entries) as 0, 1, 2 ... in their order, (B,)."""
+    marks = strips[:, :2, 0]
+    return np.cumsum(np.any(np.diff(marks, axis=0, prepend=marks[:1]) != 0, axis=1))
+
+
+def walks_of(rows: Rows) -> Array | None:
+    """Return the walk of each row as 0, 1, 2 ..., (B,), or None if each stands by itself."""
+    if view_of(rows.inputs) != STRIPS:
+        return None
+    found: list[Array] = []
+    for block in blocks_of(rows, rows.inputs):
+        # A block begins with a walk of its own.
+        found.append(walks_in(block) + (found[-1][-1] + 1 if found else 0))
+    return np.concatenate(found)
 
 
 def as_input(x: Inputs, inputs: Sequence[str], *, numbers: Array | None = None) -> Array:

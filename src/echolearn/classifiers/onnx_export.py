@@ -12,7 +12,7 @@ onnxruntime must compute the confidences of the trained object.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from io import BytesIO
 from itertools import chain
 from typing import NamedTuple
@@ -25,9 +25,10 @@ from echolearn.acoustics.types import PARITY, Array
 from echolearn.checks import BadValue
 from echolearn.classifiers.calibration import Calibrated, Sigmoid
 from echolearn.classifiers.constants import Formula
-from echolearn.classifiers.inference import BLOCK, open_onnx
-from echolearn.classifiers.inputs import Inputs, blocks_of
+from echolearn.classifiers.inference import BLOCK, POSES, open_onnx
+from echolearn.classifiers.inputs import Inputs, block_rows, blocks_of, view_of
 from echolearn.classifiers.remarks import without_remarks
+from echolearn.localization.columns import STRIPS
 
 OPSET = 13
 """ONNX operator set; the lowest in which sums take their axes as torch gives them."""
@@ -119,7 +120,7 @@ def export_proved(fitted: Calibrated, x: Inputs) -> ProvedModel:
     Raises:
         RuntimeError: the difference exceeds `PARITY`.
     """
-    data = to_onnx(Confidence(fitted), shape=x.shape[1:])
+    data = to_onnx(Confidence(fitted), shape=x.shape[1:], inputs=fitted.classifier.inputs)
     score = open_onnx(data)
 
     # Rows of the set come first, then what no recording gives: robots meet both.
@@ -148,8 +149,9 @@ def strange(x: Inputs, count: int) -> Iterator[Array]:
     rng = np.random.default_rng(0)
     ends = np.concatenate([ODD, -ODD]).reshape(-1, *(1,) * (len(x.shape) - 1))
     yield (ends * np.ones(x.shape[1:], np.float32))[:count]
-    for start in range(len(ends), count, BLOCK):
-        yield mixtures(x, min(BLOCK, count - start), rng=rng)
+    size = block_rows(x.shape[1:], BLOCK)
+    for start in range(len(ends), count, size):
+        yield mixtures(x, min(size, count - start), rng=rng)
 
 
 def mixtures(x: Inputs, count: int, *, rng: np.random.Generator) -> Array:
@@ -173,13 +175,21 @@ def mixtures(x: Inputs, count: int, *, rng: np.random.Generator) -> Array:
     return found.astype(np.float32)
 
 
-def to_onnx(module: torch.nn.Module, *, shape: tuple[int, ...]) -> bytes:
+def to_onnx(
+    module: torch.nn.Module, *, shape: tuple[int, ...], inputs: Sequence[str] = ()
+) -> bytes:
     """Return the ONNX file of a module: "x", float32 (B, *shape), to "confidence", (B,).
+
+    Args:
+        module: what computes it.
+        shape: of a row.
+        inputs: names of what a row holds; strips may have any number of poses.
 
     Raises:
         BadValue: the module computes with an operator that the set lacks.
     """
     buffer = BytesIO()
+    grows = {0: "batch"} | ({1: POSES} if view_of(inputs) == STRIPS else {})
     try:
         with without_remarks():
             torch.onnx.export(
@@ -190,7 +200,7 @@ def to_onnx(module: torch.nn.Module, *, shape: tuple[int, ...]) -> bytes:
                 opset_version=OPSET,
                 input_names=["x"],
                 output_names=["confidence"],
-                dynamic_axes={"x": {0: "batch"}, "confidence": {0: "batch"}},
+                dynamic_axes={"x": grows, "confidence": {0: "batch"}},
             )
     except torch.onnx.errors.UnsupportedOperatorError as error:
         operator = re.findall(r"'(?:aten::)?(\S+)'", str(error))

@@ -23,6 +23,7 @@ from echolearn.cli.keys import (
     opened_set,
     path_of,
     recorded_survey,
+    walk_cells,
 )
 
 if TYPE_CHECKING:
@@ -150,16 +151,17 @@ def _compare(config: "Config") -> None:
     """Compare every trained run on every test set and survey: tables, tests, figures, report."""
     from echolearn.cli.names import chosen_runs
     from echolearn.comparison.compare import compare
+    from echolearn.comparison.walks import compare_walks
     from echolearn.training.variants import Wanted
 
     runs, among = chosen_runs(config["runs"])
-    compare(
-        runs=runs,
-        wanted=Wanted(among, config["select"]),
-        readme=path_of(config["readme"]),
-        plan_of=_plan_of,
-        **built(config, "name tested surveys bundles localizers workers resamples command"),
-    )
+    about: Any = {"wanted": Wanted(among, config["select"]), "readme": path_of(config["readme"])}
+    about |= built(config, "name resamples command")
+    if config["walks"]:
+        compare_walks(walk_cells(config, runs, plan_of=_plan_of), runs=runs, **about)
+        return
+    about |= built(config, "tested surveys bundles localizers workers")
+    compare(runs=runs, plan_of=_plan_of, **about)
 
 
 def _plan_of(dataset: "Dataset") -> "Plan | None":

@@ -10,10 +10,13 @@ import re
 import shlex
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from echolearn.cli.config import Config
+    from echolearn.comparison.walk_cells import Cell
     from echolearn.dataset.labelled_set import Dataset
 
 
@@ -35,6 +38,36 @@ def open_set(config: "Config") -> "Dataset":
         wanted = HypothesisPlan(plan)
         place = generate(wanted, runs=Path(config["runs"]), engine=Processes(workers=2))
     return opened_set(place.resolve())
+
+
+def walk_cells(config: "Config", runs: Path, *, plan_of: "Callable[[Any], object]") -> "list[Cell]":
+    """Open a configuration's sets of walks with their hypotheses, which are sought once and kept.
+
+    Args:
+        config: in plain containers.
+        runs: folder of everything generated.
+        plan_of: the plan that a set was made by.
+    """
+    from echolearn.checks import BadValue, check_list
+    from echolearn.comparison.finding import find_set
+    from echolearn.comparison.walk_cells import Cell
+    from echolearn.dataset.generate import generate
+    from echolearn.dataset.hypothesis_records import HypothesisPlan
+    from echolearn.dataset.walk_plan import WalkPlan
+    from echolearn.dataset.walk_set import WalkSet
+    from echolearn.runtime.engines.processes import Processes
+
+    check_list("walks", config["walks"])
+    engine = Processes(workers=config["workers"])
+    cells = []
+    for name in config["walks"]:
+        walks = WalkSet(find_set(runs, name))
+        plan = plan_of(walks)
+        if not isinstance(plan, WalkPlan):
+            raise BadValue(f"walks={name}: must be a set of walks that was made on this machine")
+        place = generate(HypothesisPlan(plan), runs=runs, engine=engine)
+        cells.append(Cell(walks, opened_set(place.resolve())))
+    return cells
 
 
 def _generating(config: "Config") -> str:

@@ -28,6 +28,8 @@ CODES = {
     "W04": "saturated",
     "W05": "shifted",
     "W06": "yardstick missing",
+    "W07": "no better than geometry",
+    "W08": "exact poses missing",
 }
 """What each code is called."""
 

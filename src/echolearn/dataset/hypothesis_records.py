@@ -9,7 +9,13 @@ geometry (`walls.strips`), the line (`theta`, `rho`), and
 - `is_wall`: whether the line is a wall's, within 2 degrees and 5 cm (`evaluation.wall_matching`),
 - `wall`: which one, or -1; `walls`: how many the room has,
 - `snr_db`, `t60`, `odometry_error`, and `group`, the number of the walk: hypotheses of one walk are
-  not independent, and no split parts them.
+  not independent, and no split parts them,
+- `normal`, `offset`, `normal_sd`, `offset_sd`: the line as its track fits it, in rad and m, with
+  standard deviations, and `stretches`, how far it reaches there (`walls.track`), NaN-padded,
+- `strips`, if the plan wants them: J of each pose around the line, float16, (P, `STRIP_ENTRIES`),
+  noise where a lag lies outside the window. Poses that have the line in their window come first, in
+  their order; the others are zeros. The first entries are the walk's number, in digits of 2048,
+  which float16 holds exactly.
 """
 
 from dataclasses import dataclass
@@ -17,20 +23,30 @@ from pathlib import Path
 
 import numpy as np
 
+from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array
 from echolearn.checks import Range, check_fields
 from echolearn.dataset.walk_plan import WalkPlan
 from echolearn.dataset.walk_set import WalkSet
 from echolearn.evaluation.wall_matching import alignment, carried, match_walls, wall_lines
+from echolearn.localization.columns import STRIP_ENTRIES
 from echolearn.walls.hypotheses import hypotheses
 from echolearn.walls.nouns import GEOMETRY, SOUND, Hypotheses
-from echolearn.walls.strips import geometry_columns, sound_columns, strips
+from echolearn.walls.strips import Strips, filled, geometry_columns, sound_columns, strips
+from echolearn.walls.track import follow
+from echolearn.walls.walk import HeardWalk
 
 RANGES: dict[str, Range] = {"count": (1, 1000), "shard_rows": (1, 4096, "walks")}
 """Least and largest value of a field that is a whole number."""
 
 KNOWN = ("snr_db", "t60", "odometry_error", "group")
 """Fields of a walk that its hypotheses have, too."""
+
+STRETCHES = 4
+"""Most stretches of a wall that are kept, those that come first along it."""
+
+DIGITS = 2048
+"""Whole numbers below this are exact in float16."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +57,13 @@ class HypothesisPlan:
         walks: plan of the walks, whose set must be finished.
         count: most hypotheses of a walk, before those that the path crosses are dropped.
         shard_rows: walks of which the hypotheses are stored in one file.
+        strips: whether records hold them, which networks look at.
     """
 
     walks: WalkPlan
     count: int = 20
     shard_rows: int = 16
+    strips: bool = True
 
     def __post_init__(self) -> None:
         check_fields("plan", self, ranges=RANGES)
@@ -63,13 +81,19 @@ def hypothesis_records(plan: HypothesisPlan, rows: range, *, source: Path) -> Ar
         source: folder of the set of walks.
     """
     walks = WalkSet(source)
-    return np.concatenate([_of_walk(walks, row, count=plan.count) for row in rows])
+    return np.concatenate([_of_walk(plan, walks, row=row) for row in rows])
 
 
-def _of_walk(walks: WalkSet, row: int, *, count: int) -> Array:
-    """Return the records of one walk's hypotheses."""
+def _of_walk(plan: HypothesisPlan, walks: WalkSet, *, row: int) -> Array:
+    """Return the records of one walk's hypotheses.
+
+    Args:
+        plan: what is sought and kept.
+        walks: set of walks.
+        row: number of the walk.
+    """
     record, walk = walks[row], walks.heard(row)
-    found = hypotheses(walk, count=count)
+    found = hypotheses(walk, count=plan.count)
     cut = strips(walk, found)
     sound = sound_columns(walk, found, cut=cut)
     geometry = geometry_columns(walk, found, cut=cut)
@@ -79,10 +103,55 @@ def _of_walk(walks: WalkSet, row: int, *, count: int) -> Array:
     columns |= {"theta": found.theta, "rho": found.rho, "is_wall": matched >= 0, "wall": matched}
     columns |= {name: np.repeat(record[name], len(found)) for name in KNOWN}
     columns["walls"] = np.full(len(found), total)
-    table = np.empty(len(found), [(name, column.dtype) for name, column in columns.items()])
+    columns |= _tracks(walk, found, cut=cut)
+    if plan.strips:
+        rng = stream(plan.walks.seed, "strips", row)
+        columns["strips"] = strip_rows(walk, cut, number=int(record["group"]), rng=rng)
+    kinds = [(name, column.dtype, column.shape[1:]) for name, column in columns.items()]
+    table = np.empty(len(found), kinds)
     for name, column in columns.items():
         table[name] = column
     return table
+
+
+def strip_rows(walk: HeardWalk, cut: Strips, *, number: int, rng: np.random.Generator) -> Array:
+    """Return strips as classifiers look at them, shape (K, P, `STRIP_ENTRIES`), float16.
+
+    Args:
+        walk: what was heard, and where.
+        cut: strips of its hypotheses.
+        number: of the walk, by which its hypotheses are known to belong together.
+        rng: draws the noise where nothing is known.
+    """
+    values = filled(walk, cut, rng=rng) * cut.seen[..., None, None]
+    count, poses = cut.seen.shape
+    table = np.zeros((count, poses, STRIP_ENTRIES), np.float16)
+    # So that a network need not look at what has nothing.
+    first = np.argsort(~cut.seen, axis=1, kind="stable")
+    ordered = np.take_along_axis(values.reshape(count, poses, -1), first[..., None], axis=1)
+    table[..., 1:] = ordered
+    table[:, :2, 0] = divmod(number, DIGITS)
+    return table
+
+
+def _tracks(walk: HeardWalk, found: Hypotheses, *, cut: Strips) -> dict[str, Array]:
+    """Return the lines of hypotheses (K,) as their tracks have them, and their stretches.
+
+    Args:
+        walk: what was heard, and where.
+        found: its hypotheses.
+        cut: their strips.
+    """
+    lines = np.zeros((len(found), 4))
+    reached = np.full((len(found), STRETCHES, 2, 2), np.nan)
+    for number in range(len(found)):
+        track = follow(walk, found, cut=cut, number=number)
+        line = track.line
+        lines[number] = line.normal, line.offset, line.normal_sd, line.offset_sd
+        some = track.stretches[:STRETCHES]
+        reached[number, : len(some)] = some
+    names = ("normal", "offset", "normal_sd", "offset_sd")
+    return dict(zip(names, lines.T, strict=True)) | {"stretches": reached}
 
 
 def _truth(record: Array, found: Hypotheses) -> tuple[Array, int]:

@@ -43,18 +43,24 @@ def wall_samples(walls: Array) -> tuple[Array, Array]:
     return np.concatenate(middles), np.repeat(lengths / counts, counts)
 
 
-def feet(walls: Array, poses: Array) -> tuple[Array, Array]:
-    """Drop perpendiculars from poses (P, 2) on walls (W, 2, 2): feet (P, W, 2) in m, which echo.
+def feet(
+    walls: Array, poses: Array, *, nearest: float = NEAREST, farthest: float = FARTHEST
+) -> tuple[Array, Array]:
+    """Drop perpendiculars from poses on walls: feet (P, W, 2) in m, which echo, (P, W).
 
-    The second result, shape (P, W), is true where the foot lies on the wall, 1 to 2 m away, and no
-    other wall in between.
+    Those echo whose foot lies on the wall, within the distances, and no other wall in between.
+
+    Args:
+        walls: of the floor plan, shape (W, 2, 2), in m.
+        poses: shape (P, 2), in m.
+        nearest, farthest: distances, in m.
     """
     start = walls[:, 0]
     edge = walls[:, 1] - start
     along = ((poses[:, None] - start) * edge).sum(-1) / (edge**2).sum(-1)
     foot = start + along[..., None] * edge
     distance = np.linalg.norm(foot - poses[:, None], axis=-1)
-    echoes = (along >= 0) & (along <= 1) & (distance >= NEAREST) & (distance <= FARTHEST)
+    echoes = (along >= 0) & (along <= 1) & (distance >= nearest) & (distance <= farthest)
     pose, wall = np.nonzero(echoes)
     echoes[pose, wall] = ~blocked(poses[pose], foot[pose, wall], side=wall, sides=walls)
     return foot, echoes

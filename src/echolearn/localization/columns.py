@@ -57,6 +57,9 @@ estimated direction, so that an echo from there is all ones whatever its directi
 
 `candidates`, (`CANDIDATES`, K), holds an echo and those estimated beside it. It is made of columns,
 so every set gives it, whenever it was made.
+
+`strips`, (poses, `STRIP_ENTRIES`), is no tensor of an echo but of a wall hypothesis: what each pose
+of a walk heard around it (`dataset.hypothesis_records`).
 """
 
 COVARIANCE_BANDS = 16
@@ -73,6 +76,12 @@ CANDIDATES = 8
 
 CANDIDATE_ENTRIES = 14
 """Numbers that tell of each of them."""
+
+STRIPS = "strips"
+STRIP_LAGS = 49
+STRIP_DIRECTIONS = 7
+STRIP_ENTRIES = 1 + STRIP_LAGS * STRIP_DIRECTIONS
+"""Numbers of one pose in a strip: a digit of the walk's number, then J by lag and direction."""
 
 UNITS = {
     "toa": "s",
@@ -141,6 +150,7 @@ EVERY_TENSOR = (*TENSORS, *FURTHER_TENSORS, "candidates")
 TENSOR_VIEWS = dict.fromkeys(EVERY_TENSOR, "covariance") | {
     "correlation_map": "map",
     "candidates": "pose",
+    STRIPS: "strips",
 }
 """What kind of tensor each is, as a bundle says it."""
 
@@ -154,5 +164,8 @@ def tensor_shape(name: str, microphones: int) -> tuple[int, ...]:
         return (MAP_SECTORS + 1 + microphones, MAP_LAGS)
     if name == "candidates":
         return (CANDIDATES, CANDIDATE_ENTRIES)
+    if name == STRIPS:
+        # Networks take any number of poses.
+        return (2, STRIP_ENTRIES)
     heard = microphones + name.endswith("_ideal")
     return (COVARIANCE_BANDS, heard**2)

@@ -4,13 +4,21 @@ A run predicts by its exported model alone, `model.onnx`; the trained object is 
 """
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.classifiers.inputs import as_input, is_tensor, stack_inputs
+from echolearn.classifiers.inputs import (
+    Inputs,
+    Rows,
+    as_input,
+    blocks_of,
+    is_tensor,
+    stack_inputs,
+)
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation import stats
 from echolearn.evaluation.rows import (
@@ -29,7 +37,7 @@ BLOCK = 1024
 """Rows that a model from elsewhere is given at a time."""
 
 
-def load_scorer(folder: Path) -> Callable[[Array], Array]:
+def load_scorer(folder: Path) -> Callable[[Inputs], Array]:
     """Return the confidence function of a finished run, evaluated by onnxruntime on one thread.
 
     Args:
@@ -54,17 +62,23 @@ def load_scorer(folder: Path) -> Callable[[Array], Array]:
         compute = open_onnx(model)
     else:
         compute = _limited(folder, digest, model=model, rank=2 + is_tensor(inputs))
-    return lambda x: compute(as_input(x, inputs))
+
+    def confidence(x: Inputs) -> Array:
+        """Return the confidences (B,) of inputs (B, ...), block by block."""
+        return np.concatenate([compute(block) for block in blocks_of(x, inputs, size=BLOCK)])
+
+    return confidence
 
 
-def _bundled(folder: Path) -> Callable[[Array], Array]:
+def _bundled(folder: Path) -> Callable[[Inputs], Array]:
     """Return the confidence function of a bundle, examined if it was made elsewhere."""
     from echolearn.robot.examination import examined
     from echolearn.robot.model import replay
 
     examined(folder)
     bundle, compute = replay(folder)
-    return by_blocks(lambda x: compute(as_input(x, bundle.inputs)))
+    scored = by_blocks(lambda x: compute(as_input(x, bundle.inputs)))
+    return lambda x: scored(np.asarray(x))
 
 
 def _limited(folder: Path, digest: str, *, model: bytes, rank: int) -> Callable[[Array], Array]:
@@ -104,7 +118,14 @@ def predict(run: Run, columns: Any, *, rows: Array | slice = slice(None)) -> Arr
         columns: a set, or a mapping of columns that has the run's inputs.
         rows: those that are asked about; all unless given.
     """
-    confidence = load_scorer(run.folder)(stack_inputs(run.inputs, columns)[rows])
+    if isinstance(columns, Dataset) and is_tensor(run.inputs):
+        # Tensors stay in the set's shards until a block of them is looked at.
+        [name] = run.inputs
+        numbers = np.arange(len(columns))[rows]
+        x: Inputs = Rows(partial(columns.gather, name), numbers, run.inputs)
+    else:
+        x = stack_inputs(run.inputs, columns)[rows]
+    confidence = load_scorer(run.folder)(x)
     return np.asarray(confidence, dtype=float)
 
 
@@ -124,10 +145,21 @@ def validation_rows(run: Run, dataset: Dataset) -> tuple[Array, Array]:
         run: finished run.
         dataset: set that it was trained on.
     """
-    told = ("target", "seed", "split", "test_share", "validation_share")
-    problem = LearningProblem(dataset, **{key: run.metrics[key] for key in told})
+    problem = _problem(run, dataset)
     rows = problem.parts().validation
     return predict(run, dataset, rows=rows), problem.labels()[rows]
+
+
+def groups_of_validation(run: Run, dataset: Dataset) -> list[int]:
+    """Return the groups of a run's validation rows, of the set that it was trained on."""
+    problem = _problem(run, dataset)
+    return np.unique(problem.groups()[problem.parts().validation]).tolist()
+
+
+def _problem(run: Run, dataset: Dataset) -> LearningProblem:
+    """Return what a run has learned of the set that it was trained on."""
+    told = ("target", "seed", "split", "test_share", "validation_share")
+    return LearningProblem(dataset, **{key: run.metrics[key] for key in told})
 
 
 def predict_rows(run: Run, dataset: Dataset, *, held_out: bool = False) -> Predictions:

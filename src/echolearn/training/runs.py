@@ -12,7 +12,7 @@ from typing import Any
 
 from echolearn.checks import BadValue, check, check_list, check_name, check_number, check_text
 from echolearn.evaluation.rows import Model
-from echolearn.localization.columns import EVERY_COLUMN, EVERY_TENSOR, SEVERAL
+from echolearn.localization.columns import EVERY_COLUMN, EVERY_TENSOR, SEVERAL, STRIPS
 from echolearn.storage import manifests
 from echolearn.storage.identity import digest
 from echolearn.storage.tables import check_plain
@@ -29,8 +29,8 @@ def check_input_names(name: str, value: Any) -> None:
     known = (*EVERY_COLUMN, *SEVERAL, *SOUND, *GEOMETRY)
     columns = all(each in known for each in value[: len(known)])
     once = 0 < len(value) <= len(known) and len({*map(str, value)}) == len(value)
-    tensor = len(value) == 1 and value[0] in EVERY_TENSOR
-    tensors = ", ".join(EVERY_TENSOR)
+    tensor = len(value) == 1 and value[0] in (*EVERY_TENSOR, STRIPS)
+    tensors = ", ".join((*EVERY_TENSOR, STRIPS))
     allowed = f"must be some of {', '.join(known)}, each once, or one of {tensors}"
     check(tensor or (columns and once), name, f"{value!a:.100}", allowed=allowed)
 
@@ -98,6 +98,11 @@ class Run:
     def seed(self) -> int:
         """Seed of the split and the classifier."""
         return self.metrics["seed"]
+
+    @property
+    def hears_nothing(self) -> bool:
+        """Whether it looks at nothing of what was heard: a control among judges of walls."""
+        return {*self.inputs} <= {*GEOMETRY}
 
     @property
     def data_digest(self) -> str:

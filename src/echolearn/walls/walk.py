@@ -133,6 +133,14 @@ class HeardWalk:
         """J over all directions and distances of the tables, shape (P, A, D), float32."""
         return tabled(self.fine, self._lags(self.azimuths[:, None], self.distances))
 
+    def strongest(self) -> tuple[Array, Array]:
+        """Return the point of each pose's largest J, and the unit vector toward it, (P, 2) each."""
+        flat = self.responses.reshape(len(self.poses), -1).argmax(axis=1)
+        azimuth, distance = np.unravel_index(flat, self.responses.shape[1:])
+        angle = self.poses[:, 2] + self.azimuths[azimuth]
+        toward = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return self.poses[:, :2] + self.distances[distance][:, None] * toward, toward
+
     def seen(self, theta: Array, rho: Array) -> tuple[Array, Array, Array]:
         """Return how poses have lines (K,): directions, distances, in the window; each (K, P).
 

@@ -40,14 +40,17 @@ from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.inputs import (
     VIEWS,
     Inputs,
+    block_rows,
     blocks_of,
     check_inputs,
     is_tensor,
     rows_of,
+    view_of,
+    walks_of,
 )
 from echolearn.classifiers.remarks import without_remarks
 from echolearn.classifiers.standardise import standardiser
-from echolearn.localization.columns import tensor_shape
+from echolearn.localization.columns import STRIPS, tensor_shape
 from echolearn.storage.files import write_atomic
 
 RANGES = {
@@ -109,6 +112,11 @@ class Network:
         allowed = "must be a recipe from echolearn.classifiers.architectures"
         check(recipe, "classifier.net", self.net, allowed=allowed)
 
+        # Noise would make every strip a walk of its own.
+        marked = view_of(self.inputs) == STRIPS and self.noise > 0.0
+        allowed = "must be 0 for strips, which name their walk"
+        check(not marked, "classifier.noise", self.noise, allowed=allowed)
+
         # A recipe that does not fit the inputs fails now rather than after an hour of sets.
         tensor = is_tensor(self.inputs)
         shape = tensor_shape(self.inputs[0], 6) if tensor else (len(self.inputs),)
@@ -125,9 +133,17 @@ class Network:
             best = examples.folder / "best.safetensors"
             training = Training(self.net(rows.shape[1:]), self, best=best)
             training.watch = examples.watch
-            source = source_of(rows, scale)
-            batches = Batches(source, examples.y, size=self.batch_size, seed=examples.seed)
-            held = Batches(source_of(rows_of(unseen, self.inputs), scale), labels, size=BLOCK)
+            held_rows = rows_of(unseen, self.inputs)
+            batches = Batches(
+                source_of(rows, scale),
+                examples.y,
+                size=self.batch_size,
+                seed=examples.seed,
+                walks=walks_of(rows),
+            )
+            size = block_rows(rows.shape[1:], BLOCK)
+            there = walks_of(held_rows)
+            held = Batches(source_of(held_rows, scale), labels, size=size, walks=there)
             trainer = self.trainer(examples.folder)
             trainer.fit(training, WholeEpoch(batches), WholeEpoch(held))
         self.device = trainer.strategy.root_device.type
