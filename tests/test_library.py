@@ -90,3 +90,27 @@ def test_a_set_is_a_table_for_pandas(world):
     frame = found.to_pandas()
     assert len(frame) == len(found) and [*frame.columns] == found.columns
     assert np.array_equal(frame["snr_db"], found["snr_db"])
+
+
+def test_what_is_opened_is_drawn(world, monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    walk = el.open_survey(ROOT / "examples" / "survey" / "short")
+    heard = el.open_bundle("point").score(walk.observe(range(30)), walk.poses)
+    axis = el.plot(walk)
+    assert len(axis.lines) == 1 + len(walk.walls)
+    drawn = el.plot(heard, axis).lines[-1].get_xydata()
+    assert np.array_equal(drawn, heard.map.points[heard.map.kept])
+    assert "30 poses" in walk._repr_html_() and "trained on" in el.open_bundle()._repr_html_()
+
+    # The brightest place is the echo: wall x = 0 lies behind the robot, 1.4 m with microphone 1.
+    simulated, _ = el.simulate((8, 6, 5), (1.3, 3.0, 0.0), snr_db=20)
+    [mesh] = el.plot(simulated).collections
+    corners = mesh.get_coordinates()
+    row, column = np.unravel_index(mesh.get_array().argmax(), mesh.get_array().shape)
+    assert corners[row, column, 0] == pytest.approx(1.4, abs=0.02)
+    assert abs(corners[row, column, 1]) == pytest.approx(180, abs=4)
+
+    run = el.open_run("trees_features-scattered-s0", world.runs)
+    assert len(el.plot(run).containers) == 1 and "auc" in run._repr_html_()
+    with pytest.raises(BadValue, match="^thing=int"):
+        el.plot(3)

@@ -44,6 +44,7 @@ PUBLIC = {
     "open_run": "comparison.opening.run_named",
     "open_set": "comparison.opening.set_named",
     "open_survey": "comparison.opening.survey_named",
+    "plot": "comparison.plotting.plot",
     "simulate": "simulation.by_hand.simulate",
 }
 """What `import echolearn as el` offers, and where each stands; `__init__.pyi` tells their types."""

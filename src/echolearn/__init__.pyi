@@ -8,6 +8,7 @@ from echolearn.comparison.opening import bundle_named as open_bundle
 from echolearn.comparison.opening import run_named as open_run
 from echolearn.comparison.opening import set_named as open_set
 from echolearn.comparison.opening import survey_named as open_survey
+from echolearn.comparison.plotting import plot as plot
 from echolearn.robot.by_name import localize_named as localize
 from echolearn.simulation.by_hand import simulate as simulate
 
@@ -23,6 +24,7 @@ __all__ = [
     "open_run",
     "open_set",
     "open_survey",
+    "plot",
     "simulate",
 ]
 

@@ -30,6 +30,11 @@ def localize_named(
     """
     if isinstance(localizer, str):
         localizer = localizer_of(name=localizer, arguments={}, window=window)
-    if observation.samples.ndim == 2:
-        observation = replace(observation, samples=observation.samples[None])
-    return localize(observation, localizer)
+    return localize(batched(observation), localizer)
+
+
+def batched(observation: Observation) -> Observation:
+    """Return recordings (B, M, N), of a single one (M, N), too."""
+    if observation.samples.ndim == 3:
+        return observation
+    return replace(observation, samples=observation.samples[None])

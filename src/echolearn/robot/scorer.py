@@ -18,6 +18,7 @@ for more memory or time than any classifier needs is refused instead of served.
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,12 @@ class Scorer:
         about = self.bundle.about
         inputs = ", ".join(self.bundle.inputs)
         return f"<Scorer {about['name']}: {about['classifier']} of {inputs}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: what it is, on what it was trained, how it cuts."""
+        about = self.bundle.about
+        told = f"trained on {about['trained_on']}; {about['threshold']['chosen']}"
+        return f"<p>{escape(repr(self)[1:-1])}</p><p>{escape(told)}</p>"
 
     def __call__(self, inputs: Array) -> Array:
         """Return the belief in each echo, 0 to 1, shape (B,).

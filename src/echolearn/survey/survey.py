@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
+from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +93,19 @@ class Survey:
         """Say what it is; its fields would fill pages."""
         about = f"{len(self)} poses, {len(self.array.positions)} microphones"
         return f"<Survey {self.folder.name}: {about}, {self.probe.sample_rate:g} Hz>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: what it is, and its conditions."""
+        told = ", ".join(f"{key}: {value}" for key, value in self.conditions.items())
+        return f"<p>{escape(repr(self)[1:-1])}</p><p>{escape(told)}</p>"
+
+    def to_pandas(self) -> Any:
+        """Return the poses as a `pandas.DataFrame`; pandas is not installed with echolearn."""
+        rows = [(*pose.position, pose.heading) for pose in self.poses]
+        # No library of echolearn's: whoever asks for a table of it has it.
+        frame: Any = import_module("pandas").DataFrame
+        table = frame(rows, columns=["x_m", "y_m", "z_m", "heading_rad"])
+        return table.assign(file=self.files)
 
     def __len__(self) -> int:
         """Return the number of poses, P."""

@@ -7,6 +7,8 @@ predicts is in `predictions`.
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +75,18 @@ class Run:
     def __repr__(self) -> str:
         """Say what it is; its metrics would fill pages."""
         return f"<Run {self.identity}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: what it is, and its metrics on rows held out."""
+        test = self.metrics.get("test", {})
+        rows = [f"<tr><td>{escape(key)}</td><td>{test[key]}</td></tr>" for key in test]
+        return f"<p>{escape(repr(self)[1:-1])}</p><table>{''.join(rows)}</table>"
+
+    def to_pandas(self) -> Any:
+        """Return the metrics of both parts as a `pandas.DataFrame`, a row each."""
+        # No library of echolearn's: whoever asks for a table of it has it.
+        frame: Any = import_module("pandas").DataFrame
+        return frame({part: self.metrics[part] for part in ("validation", "test")})
 
     @property
     def identity(self) -> str:
