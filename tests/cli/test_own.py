@@ -78,6 +78,12 @@ def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_fro
         (["train", "--help"], "keys of plan=paper"),
         (["train", "--config-dir=mine", "--info", "searchpath"], "/mine"),
         (["train", "--info", "defaults-tree"], "classifier: svm_pair"),
+        (["train", "-i", "searchpath", "-cd", "mine"], "/mine"),
+        (["train", "-cd", "mine", "-cn", "quick", "-c", "job", "-p", "seed"], "5"),
+        (["train", "--cfg", "--package=classifier.inputs"], "- toa\n- power\n"),
+        (["train", "--cfg", "hydra", "-p", "hydra.sweeper"], "BasicSweeper"),
+        (["train", "seed=7", "--cfg=all"], "seed: 7"),
+        (["train", "--version"], "."),
     ],
 )
 def test_what_hydra_offers_is_there(words, said, own):
@@ -100,6 +106,10 @@ def test_the_folder_may_be_named_by_a_variable(own):
         (["--config-dir"], "--config-dir: must be followed by a folder"),
         (["--config-name", "none"], "none"),
         (["--info", "nothing"], "--info: must be followed by all or config"),
+        (["--cfg", "nothing"], "--cfg: must be followed by job or hydra or all"),
+        (["--cfg", "-p", "sed"], "--package=sed: there is no such key; did you mean seed?"),
+        (["--package", "seed"], "--package=seed: is a part of what --cfg shows"),
+        (["-m", "seed=interval(0,3)"], "seed=interval(0,3): an interval has no values"),
     ],
 )
 def test_a_slip_ends_in_one_line(words, said, own):

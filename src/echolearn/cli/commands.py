@@ -72,6 +72,7 @@ def _tune(config: "Config") -> Path:
     from echolearn.checks import check
     from echolearn.cli.config import build
     from echolearn.cli.own import search_space
+    from echolearn.cli.searches import fitted_to
     from echolearn.storage.identity import by_short_names
     from echolearn.training.search_space import read_space, with_values
     from echolearn.training.split import LearningProblem
@@ -81,8 +82,11 @@ def _tune(config: "Config") -> Path:
     there = find_spec("optuna") is not None
     check(there, "library", "optuna", allowed=allowed, hint="pip install 'echolearn[tune]'")
     classifier = config["classifier"]
-    found, file = search_space(config["choice"]["classifier"])
-    space = read_space(found if config["space"] is None else config["space"], name=file)
+    if config["space"] is None:
+        plain, file = search_space(config["choice"]["classifier"])
+    else:
+        plain, file = fitted_to(config["space"], classifier), "space"
+    space = read_space(plain, name=file)
     # A key that is not there is told before any work.
     with_values(classifier, space)
     division = built(config, "target seed split test_share validation_share train_rows")

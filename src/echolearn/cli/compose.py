@@ -10,7 +10,7 @@ so a slip in the last one stops them all.
 
 import copy
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
 from functools import cache
 from importlib.util import find_spec
@@ -23,6 +23,7 @@ from echolearn.checks import BadValue, suggest
 from echolearn.cli.config import Config, UsageError
 from echolearn.cli.names import plan_of_folder
 from echolearn.cli.own import folder, folders, teach_hydra
+from echolearn.cli.searches import is_searched, space_of
 from echolearn.cli.targets import TARGET
 from echolearn.cli.words import NONE_ALLOWED, TEXTS, is_text, plain_config, quoted, split
 from echolearn.storage.files import one_line
@@ -71,10 +72,16 @@ def compose(
         teach_hydra()
         with initialize_config_dir(version_base="1.3", config_dir=str(folder())):
             jobs = []
-            for swept, typed in _expand(words, many=many):
+            # A search goes through the values itself.
+            tuned = command == "tune" and not many
+            searched = [word for word in words if tuned and is_searched(_parse(word))]
+            others = [word for word in words if word not in searched]
+            for swept, typed in _expand(others, many=many):
                 job = plan_of_folder(typed)
                 config = _configuration(primary or command, job, resolve=resolve)
-                told = {"command": command_of(command, job, primary=primary)}
+                told: Config = {"command": command_of(command, [*job, *searched], primary=primary)}
+                if searched:
+                    told["space"] = space_of([_parse(word) for word in searched])
                 jobs.append((swept, config | told))
             return jobs
     except (HydraException, OmegaConfBaseException) as error:
@@ -127,6 +134,9 @@ def _spread(override: "Override", *, many: bool) -> list[str]:
         raise UsageError(f"{word}: several values need -m, {hint}")
 
     key, _, typed = word.partition("=")
+    if override.is_interval_sweep():
+        hint = "range(0,3) and choice(1,10) have some; or let echolearn tune search it"
+        raise UsageError(f"{word}: an interval has no values to run through; {hint}")
     if getattr(override.value(), "simple_form", False):
         # As they were typed: Hydra would make 7 of 007.
         values = split(typed)
@@ -194,6 +204,28 @@ def show_info(wish: str, primary: str, *, words: Sequence[str]) -> str:
     Raises:
         UsageError: an override that Hydra cannot understand.
     """
+    return _told(lambda hydra: hydra.show_info(wish, config_name=primary, overrides=list(words)))
+
+
+def show_hydra(wish: str, primary: str, *, words: Sequence[str], package: str | None) -> str:
+    """Return Hydra's own configuration of a command, or with wish=all the command's beside it.
+
+    Args:
+        wish: hydra or all.
+        primary: name of the primary configuration.
+        words: overrides.
+        package: dotted name of the part that is wanted, or None.
+
+    Raises:
+        UsageError: an override that Hydra cannot understand.
+    """
+    return _told(lambda hydra: hydra.show_cfg(primary, list(words), wish, package))
+
+
+def _told(telling: Callable[[Any], None]) -> str:
+    """Return what Hydra prints when it is asked for something."""
+    if find_spec("hydra") is None:
+        raise UsageError("this is told by Hydra, which is not here; pip install 'echolearn[lab]'")
     from hydra import initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
     from hydra.errors import HydraException
@@ -202,14 +234,29 @@ def show_info(wish: str, primary: str, *, words: Sequence[str]) -> str:
     teach_hydra()
     try:
         with initialize_config_dir(version_base="1.3", config_dir=str(folder())):
-            hydra = GlobalHydra.instance().hydra
-            assert hydra is not None
             # Hydra logs it line by line, and would complain at each that nobody reads any more.
             with redirect_stdout(StringIO()) as told:
-                hydra.show_info(wish, config_name=primary, overrides=list(words))
+                telling(GlobalHydra.instance().hydra)
             return told.getvalue().strip()
     except (HydraException, OmegaConfBaseException) as error:
         raise UsageError(str(error).split("\nSee http")[0]) from error
+
+
+def shown(config: Config, package: str | None) -> str:
+    """Return a configuration as YAML, or the part of it that a dotted name tells.
+
+    Raises:
+        UsageError: no such part.
+    """
+    import yaml
+
+    part: Any = config
+    for key in package.split(".") if package else []:
+        if not isinstance(part, dict) or key not in part:
+            advice = suggest(str(package), list(dotted(config)))
+            raise UsageError(f"--package={package}: there is no such key; {advice}")
+        part = part[key]
+    return yaml.safe_dump(part, sort_keys=False).removesuffix("...\n")
 
 
 def _chooses(override: "Override") -> bool:

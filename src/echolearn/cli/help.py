@@ -17,7 +17,8 @@ commands:
 options:
   --help       of a command: its groups and keys, and those of what is chosen
   --version    show the version
-  --cfg        show the whole configuration instead of running it; with --resolve without ${{...}}
+  --cfg        show the whole configuration instead of running it; with --resolve without ${{...}},
+               with --package=classifier that part; --cfg=hydra or all: Hydra's own, too
   --info       show how Hydra puts it together: defaults, defaults-tree, config, searchpath, plugins
   -m           run once for every combination: seed=0,1,2 classifier=svm_pair,trees_features;
                also --multirun
@@ -30,8 +31,9 @@ options:
   --traceback  show where in the code an error arose
   -sc          complete words with the tab key: eval "$(echolearn -sc install=bash)", or zsh, fish
 
-Values are written in Hydra's override grammar: key=[1,2] is one list, and 'classifier=glob(*)'
-sweeps over all options.
+Values are written in Hydra's override grammar: key=[1,2] is one list; with -m the values of
+'classifier=glob(svm_*)', 'seed=range(3)' and seed=0,1 are swept over; 'tune' searches
+'classifier.lr=interval(1e-4,1e-2)'. What lies under runs is named by its name or its folder.
 """
 
 EXPLAINED = ("plan", "localizer", "classifier")

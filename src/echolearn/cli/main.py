@@ -22,9 +22,12 @@ from echolearn.cli.own import VARIABLE, use_own
 from echolearn.cli.streams import secure_streams
 
 OPTIONS = (
-    *("-m", "--multirun", "-j", "--cfg", "--resolve", "--info", "--help", "--traceback"),
-    *("--config-dir", "--config-name"),
+    *("-m", "--multirun", "-j", "--cfg", "--package", "--resolve", "--info", "--help"),
+    *("--version", "--traceback", "--config-dir", "--config-name"),
 )
+
+CFG = ("job", "hydra", "all")
+"""What may be shown instead of being run: our configuration, Hydra's own, both."""
 
 INFO = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
 """What Hydra tells of how it puts a configuration together."""
@@ -82,7 +85,7 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
         from echolearn.cli.completion import complete
 
         print(complete(rest, commands=[*COMMANDS], options=OPTIONS))
-    elif command == "--version":
+    elif command == "--version" or "--version" in rest:
         from echolearn import __version__
 
         print(__version__)
@@ -116,11 +119,10 @@ def _does(command: str) -> str:
 
 def _own_folder(words: Sequence[str]) -> str | None:
     """Return the user's folder that a command line or the environment names."""
-    option = "--config-dir"
     for word, following in zip(words, [*words[1:], ""], strict=False):
-        if word == option:
+        if word in ("--config-dir", "-cd"):
             return following
-        if word.startswith(f"{option}="):
+        if word.startswith("--config-dir="):
             return word.partition("=")[2]
     return os.environ.get(VARIABLE)
 
@@ -133,6 +135,7 @@ def verify_folders(folders: Sequence[str], *, trace: bool) -> None:
     """
     from echolearn.cli.config import UsageError
     from echolearn.cli.sweeps import run_all
+    from echolearn.robot.shipped import FOLDER, digests
     from echolearn.storage.named import all_named
 
     if not folders:
@@ -143,6 +146,11 @@ def verify_folders(folders: Sequence[str], *, trace: bool) -> None:
             raise UsageError(f"{folder}: there is no such option; {hint}")
     # One name may be that of a run and of the bundle made of it.
     folders = [place for each in folders for place in all_named(each, runs=Path("runs"))]
+    along = digests()
+    there = [not Path(each).exists() and each in along for each in folders]
+    folders = [
+        str(FOLDER / each) if ours else each for each, ours in zip(folders, there, strict=True)
+    ]
     if len(folders) == 1:
         print(verify_folder(folders[0]))
     else:
@@ -168,12 +176,18 @@ def run(command: str, words: Sequence[str], *, trace: bool) -> None:
 
         print(show_info(options.info, options.config_name or command, words=sweeps[0]))
         return
+    if options.cfg not in (None, "job"):
+        from echolearn.cli.compose import show_hydra
+
+        primary = options.config_name or command
+        print(show_hydra(options.cfg, primary, words=sweeps[0], package=options.package))
+        return
     jobs = composed(command, sweeps, options=options)
     if options.cfg:
-        import yaml
+        from echolearn.cli.compose import shown
 
         for _, config in jobs:
-            print(yaml.safe_dump(config, sort_keys=False), end="")
+            print(shown(config, options.package), end="")
     elif options.m:
         place = Path(jobs[0][1]["runs"]) / "sweeps"
         work = COMMANDS[command]
@@ -226,11 +240,12 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:
 
     parser = ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     parser.add_argument("-m", "--multirun", action="store_true", dest="m")
-    parser.add_argument("--cfg", action="store_true")
+    parser.add_argument("-c", "--cfg", choices=CFG)
+    parser.add_argument("-p", "--package")
     parser.add_argument("--resolve", action="store_true")
-    parser.add_argument("--info", choices=INFO)
-    parser.add_argument("--config-dir")
-    parser.add_argument("--config-name")
+    parser.add_argument("-i", "--info", choices=INFO)
+    parser.add_argument("-cd", "--config-dir")
+    parser.add_argument("-cn", "--config-name")
     parser.add_argument("-j", type=int, choices=range(1, 1025), metavar="N", default=1)
 
     # The word before the first -- keeps the first part from being empty.
@@ -240,7 +255,11 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:
         options, rest = parser.parse_known_args(shared)
     except ArgumentError as error:
         name = str(error.argument_name).rpartition("/")[2]
-        hint = {"-j": "the number of processes, from 1 to 1024", "--info": " or ".join(INFO)}
+        hint = {
+            "-j": "the number of processes, from 1 to 1024",
+            "--info": " or ".join(INFO),
+            "--cfg": " or ".join(CFG),
+        }
         wanted = hint.get(name, "a folder" if name == "--config-dir" else "a name")
         raise UsageError(f"{name}: must be followed by {wanted}") from None
     for word in sum(sweeps, rest):
@@ -249,6 +268,8 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:
 
     launcher = [word for word in rest if word.startswith(("hydra/launcher=", "hydra.launcher."))]
     needless = [*launcher, *["-j"] * (options.j > 1), *["--"] * bool(sweeps)]
+    if options.package and not options.cfg:
+        raise UsageError(f"--package={options.package}: is a part of what --cfg shows; add --cfg")
     if needless and not options.m:
         raise UsageError(f"{needless[0]}: is for sweeps over several values; -m is missing")
     common = [word for word in rest if word not in launcher]
@@ -257,12 +278,14 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[str], list[list[str]]]:
 
 def _with_values(words: Sequence[str]) -> list[str]:
     """Return words in which options whose value may be left out, as Hydra's, have theirs."""
+    usual = {"--info": "all", "-i": "all", "--cfg": "job", "-c": "job"}
     found: list[str] = []
+    pending = ""
     for word in words:
-        if word == "--info":
-            found.append("--info=all")
-        elif found[-1:] == ["--info=all"] and "=" not in word and not word.startswith("-"):
-            found[-1] = f"--info={word}"
-        elif not (found[-1:] == ["--cfg"] and word == "job"):
-            found.append(word)
+        if pending and "=" not in word and not word.startswith("-"):
+            found[-1] = f"{pending}={word}"
+            pending = ""
+            continue
+        pending = {"-i": "--info", "-c": "--cfg"}.get(word, word) if word in usual else ""
+        found.append(f"{pending}={usual[word]}" if pending else word)
     return found

@@ -50,6 +50,18 @@ KILLED = "its process was killed; was there too little memory? the same command 
 """What is said of a job whose process ended before it."""
 
 
+EXTRAS = {
+    "distributed": "cluster",
+    "numba": "walls",
+    "onnxruntime": "maps",
+    "optuna": "tune",
+    "rir_generator": "peers",
+    "rosbags": "ros",
+    "soundfile": "maps",
+}
+"""Smallest extra that brings a module which the laboratory does not need alone."""
+
+
 class JobsFailed(Exception):
     """Some jobs failed; each has been reported."""
 
@@ -123,7 +135,7 @@ def complaint(error: Exception, *, trace: bool, about: str = "") -> str:
     if isinstance(error, BadValue | UsageError | JobsFailed):
         reason = f"{error}"
     elif isinstance(error, ModuleNotFoundError):
-        reason += "; pip install 'echolearn[lab]'"
+        reason += f"; pip install 'echolearn[{EXTRAS.get(str(error.name), 'lab')}]'"
     elif isinstance(error, OSError) and error.filename is not None:
         advice = ADVICE.get(error.errno or 0, "is it the right one?")
         reason = f"{os.fsdecode(error.filename)}: {error.strerror}; {advice}"

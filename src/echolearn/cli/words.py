@@ -39,7 +39,9 @@ def plain_config(command: str, words: Sequence[str]) -> Config:
 
     defaults: Config = yaml.safe_load((folder() / f"{command}.yaml").read_text())
     if "defaults" in defaults:
-        raise UsageError(f"{command}: needs more than a robot has; pip install 'echolearn[lab]'")
+        extras = "lab,tune" if command == "tune" else "lab"
+        hint = f"pip install 'echolearn[{extras}]'"
+        raise UsageError(f"{command}: needs more than a robot has; {hint}")
     config = deepcopy(defaults)
     for word in words:
         key, equal, _ = word.partition("=")
