@@ -223,7 +223,8 @@ def test_other_inputs_are_evaluated_anew(world, compared, tmp_path):
     assert set(manifest["inputs"]["runs"]) == {run.identity for run in load_runs(tmp_path)}
     assert set(manifest["files"]) == {
         "results.csv", "tests.csv", "report.html", "table.md", "importance.csv", "ranks.csv",
-        "shifts.csv", "warnings.csv", "worst.csv", "figures/importance.svg", "figures/ranks.svg",
+        "shifts.csv", "warnings.csv", "worst.csv", "answer.csv",
+        "figures/importance.svg", "figures/ranks.svg", "figures/dots_1.svg",
         "figures/arrival_times.svg", "figures/bands.svg", "figures/belief.svg",
     }  # fmt: skip
     assert (folder / "table.md").read_text() in readme.read_text()

@@ -10,6 +10,7 @@ from echolearn.comparison import examined_figures, importance, shifts, warnings,
 from echolearn.comparison.compare import examined_files, look_closer
 from echolearn.comparison.evaluate import Inputs
 from echolearn.comparison.examined import learning_curves
+from echolearn.comparison.looks import looks
 from echolearn.comparison.ranking import Ranking, rank_models
 from echolearn.dataset.records import records
 from echolearn.evaluation import metrics
@@ -262,8 +263,10 @@ def test_every_figure_is_the_same_twice_and_needs_nothing_else(comparison, world
 
     def drawn():
         figures = examined_figures.draw_examined(examined, comparison)
-        figures["ranks"] = examined_figures.critical_differences(ranking)
-        return figures | {"learning": examined_figures.learning({"a": curve})}
+        figures["ranks"] = examined_figures.critical_differences(
+            ranking, looks=looks(ranking.names)
+        )
+        return figures | {"learning": examined_figures.learning({"a": curve}, looks=looks(["a"]))}
 
     first = drawn()
     assert first == drawn() and {"ranks", "learning", "importance", "worst"} <= {*first}

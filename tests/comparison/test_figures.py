@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from echolearn.acoustics.sides import closed
 from echolearn.comparison import figures
+from echolearn.comparison.looks import looks
 from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Predictions, Recordings
 
 POINTS = np.array([[0.0, 2.0], [3.0, 0.05], [5.95, 2.0], [3.0, 3.5], [2.0, 2.0]])
@@ -37,7 +38,8 @@ def belief():
     rng = np.random.default_rng(0)
     some = Predictions(0, np.arange(0, 200, 2), rng.random(100), 0.5)
     every = Predictions(0, np.arange(200), rng.random(200), 0.5)
-    return figures.belief({"some": some, "every": every}, labelled(rng.random(200) < 0.5))
+    answers = {"some": some, "every": every}
+    return figures.belief(answers, labelled(rng.random(200) < 0.5), looks=looks(answers))
 
 
 def arrival_times():
@@ -49,17 +51,27 @@ def arrival_times():
 def over_snr(lines):
     """Draw more lines than there are colours."""
     many = {str(n): [row("0", 0.5), row("-5", 0.4)] for n in range(lines)}
-    return figures.over_snr({"room": many}, ylabel="y")
+    return figures.over_snr({"room": many}, looks=looks(many), ylabel="y")
+
+
+def dots():
+    rows = [row("", 0.5) | {"classifier": name} for name in "ab"]
+    about = {"title": "t", "metric": "m", "best": "a", "low": 0.3}
+    return figures.dots(rows, looks=looks("abc"), order="abc", **about)
 
 
 DRAWN = {
     "maps": lambda: figures.maps([("a", walk(), KEPT), ("b", walk(), NOTHING)], classifier="c"),
     "over_snr": lambda: over_snr(30),
     "bands": lambda: figures.bands(
-        {"a": [row("-40:-20", 0.5), row("-5:40", 0.9)], "b": [row("-5:40", 0.8)]}
+        {"a": [row("-40:-20", 0.5), row("-5:40", 0.9)], "b": [row("-5:40", 0.8)]}, looks=looks("ab")
     ),
-    "undefined": lambda: figures.bands({"a": [row("-5:40", float("nan"))], "b": []}),
+    "undefined": lambda: figures.bands(
+        {"a": [row("-5:40", float("nan"))], "b": []}, looks=looks("ab")
+    ),
     "belief": belief,
+    "dots": dots,
+    "single_map": lambda: figures.single_map(walk(), KEPT),
     "arrival_times": arrival_times,
 }
 
@@ -114,12 +126,24 @@ def test_the_title_says_how_many_kept_points_are_true():
     assert painted(NOTHING).get_title() == "title\nno points"
 
 
-def test_lines_over_snr_have_their_interval_and_colours_begin_anew():
+def test_lines_over_snr_have_their_interval():
     _, [axis] = figures.styled(figures.canvas)(1, width=4, height=3)
     figures.paint_line(axis, [row("-10", 0.6), row("0", 0.9)], label="a")
     assert np.array_equal(np.array(axis.lines[0].get_data()), [[-10, 0], [0.6, 0.9]])
     edges = np.array(axis.collections[0].get_paths()[0].vertices)[:, 1]
     assert (edges.min(), edges.max()) == pytest.approx((0.5, 0.95))
-    for number in range(29):
-        figures.paint_line(axis, [row("0", 0.5)], label=str(number))
-    assert len({line.get_color() for line in axis.lines}) == 8
+
+
+def test_the_first_24_looks_differ_and_follow_the_alphabet():
+    found = looks(f"{number:02}" for number in range(30))
+    assert len({*list(found.values())[:24]}) == 24
+    assert len({look.colour for look in found.values()}) == 8
+    assert looks("ba") == looks("ab")
+
+
+def test_both_maps_of_a_pair_have_one_size_whatever_is_kept():
+    sizes = {
+        ET.fromstring(figures.single_map(walk(), kept)).attrib["viewBox"]
+        for kept in (KEPT, NOTHING)
+    }
+    assert len(sizes) == 1

@@ -1,17 +1,34 @@
 """Which rows of a comparison, and which predictions, each of its figures shows."""
 
 from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 
 from echolearn.comparison import figures
-from echolearn.comparison.choice import Comparison, away, chosen, drawn, headline
+from echolearn.comparison.choice import Comparison, away, chosen, drawn, headline, ranked
+from echolearn.comparison.looks import looks_of, plain_looks
 from echolearn.comparison.pivot import pivot
 from echolearn.comparison.reliability_figure import Answers, reliability
-from echolearn.comparison.tables import levels, main_localizer, placed, unfiltered
+from echolearn.comparison.shown import MAP_METRIC, conditions, map_pairs, pairs_at
+from echolearn.comparison.tables import (
+    levels,
+    localizers_of,
+    main_localizer,
+    placed,
+    unfiltered,
+)
 from echolearn.evaluation.reliability import BANDS_DB
-from echolearn.evaluation.rows import PAPER, UNFIT, Model, Row, in_band, pick
+from echolearn.evaluation.rows import (
+    PAPER,
+    UNFIT,
+    Model,
+    Row,
+    in_band,
+    pick,
+)
 from echolearn.training.predictions import (
     label_rows,
-    predict_echoes,
     predict_measured,
     predict_rows,
 )
@@ -28,7 +45,7 @@ Panels = dict[str, dict[str, list[Row]]]
 
 def draw_all(comparison: Comparison) -> dict[str, str]:
     """Return every figure as SVG, by name."""
-    sets = draw_sets(comparison) | draw_reliability(comparison)
+    sets = draw_dots(comparison) | draw_sets(comparison) | draw_reliability(comparison)
     return sets | (draw_surveys(comparison) if comparison.surveys else {})
 
 
@@ -37,6 +54,7 @@ def draw_sets(comparison: Comparison) -> dict[str, str]:
     shown = away(comparison)
     dataset = comparison.sets[shown]
     rows = pick(comparison.rows, seed="", tested_on=shown, metric="auc")
+    looks = looks_of(comparison.models)
     bands = {}
     predictions = {}
     for model in drawn(comparison):
@@ -51,8 +69,8 @@ def draw_sets(comparison: Comparison) -> dict[str, str]:
         one = comparison.sets[name]
         times[name] = (1e3 * one["toa"], one["reflector"])
     return {
-        "bands": figures.bands(bands),
-        "belief": figures.belief(predictions, label_rows(dataset, resamples=1)),
+        "bands": figures.bands(bands, looks=looks),
+        "belief": figures.belief(predictions, label_rows(dataset, resamples=1), looks=looks),
         "arrival_times": figures.arrival_times(times),
     }
 
@@ -65,13 +83,42 @@ def draw_surveys(comparison: Comparison) -> dict[str, str]:
     pictures = {
         "maps_first": filtered(comparison, rows, snr_db=first),
         "quality": figures.over_snr(
-            quality(comparison, rows), ylabel="balanced accuracy of the map", low=0.3
+            quality(comparison, rows),
+            looks=looks_of(comparison.models),
+            ylabel=MAP_METRIC,
+            low=0.3,
         ),
-        "directions": figures.over_snr(lines, ylabel="share of points on a wall, unfiltered"),
+        "directions": figures.over_snr(
+            lines,
+            looks=plain_looks(localizers_of(comparison)),
+            ylabel="share of points on a wall, unfiltered",
+        ),
     }
+    for number, pair in enumerate(map_pairs(comparison), start=1):
+        pictures[f"map_{number}_every"] = figures.single_map(pair.survey, pair.kept | True)
+        pictures[f"map_{number}_kept"] = figures.single_map(pair.survey, pair.kept)
     if last != first:
         pictures["maps_last"] = filtered(comparison, rows, snr_db=last)
     return pictures
+
+
+def draw_dots(comparison: Comparison) -> dict[str, str]:
+    """Return the panels of the dot plot, by name."""
+    order = [model.classifier for model in ranked(comparison, headline(comparison))]
+    about: dict[str, Any] = {
+        "looks": looks_of(comparison.models),
+        "order": order,
+        "best": chosen(comparison).classifier,
+    }
+    shown = conditions(comparison)
+    found = {}
+    for number, (title, metric, rows) in enumerate(shown, start=1):
+        # Panels of one metric have one axis, so that they can be read across.
+        alike = [row for each in shown if each.metric == metric for row in each.rows]
+        low = np.nanmin([0.5, *figures.numbers(alike, "ci_low")[0]])
+        about |= {"title": title, "metric": metric, "low": float(low)}
+        found[f"dots_{number}"] = figures.dots(rows, **about)
+    return found
 
 
 def filtered(comparison: Comparison, rows: Sequence[Row], *, snr_db: str) -> str:
@@ -82,14 +129,8 @@ def filtered(comparison: Comparison, rows: Sequence[Row], *, snr_db: str) -> str
         rows: means over seeds, with places.
         snr_db: SNR of the surveys.
     """
-    best = chosen(comparison)
-    localizer = main_localizer(comparison)
-    walks = []
-    for row in pick(unfiltered(rows), localizer=localizer, snr_db=snr_db):
-        survey = comparison.surveys[row["tested_on"], localizer]
-        kept = predict_echoes(comparison.models[best][0], survey).kept
-        walks.append((f"{row['place']} m, SNR {snr_db} dB", survey, kept))
-    return figures.maps(walks, classifier=best.classifier)
+    walks = pairs_at(comparison, rows, snr_db=snr_db)
+    return figures.maps(walks, classifier=chosen(comparison).classifier)
 
 
 def quality(comparison: Comparison, rows: Sequence[Row]) -> Panels:
@@ -112,7 +153,8 @@ def draw_reliability(comparison: Comparison) -> dict[str, str]:
     """Return the figure as SVG, by its name; nothing if no model was made for these robots."""
     panels = banded(comparison) | measured_panels(comparison)
     panels = {title: answers for title, answers in panels.items() if answers}
-    return {"reliability": reliability(panels)} if panels else {}
+    looks = looks_of(comparison.models)
+    return {"reliability": reliability(panels, looks=looks)} if panels else {}
 
 
 def fitting(comparison: Comparison, tested_on: str) -> list[Model]:

@@ -9,39 +9,34 @@ from matplotlib.ticker import MaxNLocator
 
 from echolearn.comparison.choice import Comparison
 from echolearn.comparison.examined import BELIEVED, Examined, Picture, learning_curves
-from echolearn.comparison.figures import (
-    BLACK,
-    BLUE,
-    GREY,
-    INTERVAL,
-    ORANGE,
-    as_svg,
-    canvas,
-    numbers,
-    styled,
-)
+from echolearn.comparison.figures import INTERVAL, as_svg, canvas, paint_line, styled
+from echolearn.comparison.looks import BLACK, BLUE, GREY, ORANGE, Looks, looks_of
 from echolearn.comparison.ranking import Ranking
 from echolearn.evaluation import ranks
 from echolearn.evaluation.rows import Row, distinct, pick
+
+STROKES = ("-", "--", ":", "-.")
+"""Lines of different trainings."""
 
 
 def draw_examined(examined: Examined, comparison: Comparison) -> dict[str, str]:
     """Return every figure that there is something for, as SVG, by name."""
     found = {}
+    looks = looks_of(comparison.models)
     if examined.ranking:
-        found["ranks"] = critical_differences(examined.ranking)
+        found["ranks"] = critical_differences(examined.ranking, looks=looks)
     curves = learning_curves(comparison)
     if curves:
-        found["learning"] = learning(curves)
+        found["learning"] = learning(curves, looks=looks)
     if examined.importance:
-        found["importance"] = importances(examined.importance)
+        found["importance"] = importances(examined.importance, looks=looks)
     if examined.worst.pictures:
         found["worst"] = errors(examined.worst.pictures)
     return found
 
 
 @styled
-def critical_differences(ranking: Ranking) -> str:
+def critical_differences(ranking: Ranking, *, looks: Looks) -> str:
     """Draw mean ranks on a line, best on the left; bars join models that cannot be told apart."""
     count = len(ranking.names)
     groups = ranks.cliques(ranking.ranks, difference=ranking.difference)
@@ -65,29 +60,32 @@ def critical_differences(ranking: Ranking) -> str:
         ends = ranking.ranks[[group[0], group[-1]]] + [-0.06, 0.06]
         level = -0.45 * (number + 1)
         axis.plot(
-            ends, [level, level], color=BLUE, linewidth=3.5, marker="", solid_capstyle="round"
+            ends, [level, level], color=GREY, linewidth=3.5, marker="", solid_capstyle="round"
         )
     under = 0.45 * len(groups) + 0.8
     for place, (name, rank) in enumerate(zip(ranking.names, ranking.ranks, strict=True)):
         # The better half is named on the left, from above; the others on the right, from below.
         left = place < half
         depth = -under - (place if left else count - 1 - place)
-        edge, beside = (low - 0.05, -0.02 * reach) if left else (high + 0.05, 0.02 * reach)
+        edge, beside = (low - 0.05, -0.05 * reach) if left else (high + 0.05, 0.05 * reach)
         style: Any = {"color": GREY, "linewidth": 0.8, "marker": ""}
         axis.plot([rank, rank, edge], [0, depth, depth], **style)
+        axis.plot([edge], [depth], markersize=5, **looks[name].style)
         text = f"{name}  {rank:.1f}" if left else f"{rank:.1f}  {name}"
         axis.text(edge + beside, depth, text, ha="right" if left else "left", va="center")
     return as_svg(figure)
 
 
 @styled
-def learning(curves: Mapping[str, Sequence[Row]]) -> str:
+def learning(curves: Mapping[str, Sequence[Row]], *, looks: Looks) -> str:
     """Draw AUC against the number of training rows with intervals, a line for each model."""
     figure, [axis] = canvas(1, width=7.4, height=4.2)
+    trainings = distinct((rows[0] for rows in curves.values()), "training")
     for label, rows in curves.items():
-        x, value, low, high = numbers(rows, "train", *INTERVAL)
-        [line] = axis.plot(x, value, markersize=4, label=label)
-        axis.fill_between(x, low, high, color=line.get_color(), alpha=0.12, linewidth=0)
+        # A classifier keeps its look; trainings differ in the stroke.
+        stroke = STROKES[trainings.index(rows[0]["training"]) % len(STROKES)]
+        style = looks[rows[0]["classifier"]].style
+        paint_line(axis, rows, label=label, along="train", linestyle=stroke, **style)
     axis.set_xscale("log")
     ticks = sorted({round(row["train"]) for rows in curves.values() for row in rows})
     axis.set_xticks(ticks, [str(tick) for tick in ticks])
@@ -97,7 +95,7 @@ def learning(curves: Mapping[str, Sequence[Row]]) -> str:
 
 
 @styled
-def importances(rows: Sequence[Row]) -> str:
+def importances(rows: Sequence[Row], *, looks: Looks) -> str:
     """Draw what the AUC loses without each column, a panel for each model, with intervals."""
     names = distinct(rows, "classifier")
     columns = distinct(sorted(rows, key=lambda row: -float(row["value"])), "column")[::-1]
@@ -107,7 +105,7 @@ def importances(rows: Sequence[Row]) -> str:
         for row in pick(rows, classifier=name):
             value, low, high = (float(row[key]) for key in INTERVAL)
             place = columns.index(row["column"])
-            axis.barh(place, value, color=BLUE, height=0.6)
+            axis.barh(place, value, color=looks[name].colour, height=0.6, alpha=0.7)
             axis.plot([low, high], [place, place], color=BLACK, linewidth=1, marker="")
         axis.axvline(0, color=GREY, linewidth=0.8)
         axis.set(title=name, xlabel="loss of AUC", axisbelow=True)

@@ -1,7 +1,6 @@
 """Figures of a comparison, as SVG text: the same data give the same bytes.
 
-Colours are those of Okabe and Ito, told apart by colour-blind readers; lines differ in marker as
-well.
+A classifier has the colour and marker of its `Look` in each of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,10 +12,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.rcsetup import cycler
 
 from echolearn.acoustics.sides import polylines
 from echolearn.acoustics.types import Array
+from echolearn.comparison.looks import BLACK, BLUE, GREY, RED, Looks
+from echolearn.comparison.template import share_on_walls
 from echolearn.evaluation import metrics
 from echolearn.evaluation.rows import (
     LabelledRows,
@@ -26,11 +26,6 @@ from echolearn.evaluation.rows import (
     distinct,
 )
 
-BLACK, ORANGE, SKY, GREEN, BLUE, RED, PURPLE, GREY = (
-    "#000000", "#e69f00", "#56b4e9", "#009e73", "#0072b2", "#d55e00", "#cc79a7", "#7f7f7f"
-)  # fmt: skip
-CYCLE = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
-MARKERS = "osD^vP*Xhd<>"
 INTERVAL = ("value", "ci_low", "ci_high")
 """Columns of a figure and of both ends of its interval."""
 
@@ -51,8 +46,6 @@ STYLE: Any = {
     "grid.color": "#e4e4e4",
     "grid.linewidth": 0.6,
     "legend.frameon": False,
-    # Colours and markers begin anew when they run out.
-    "axes.prop_cycle": cycler(color=3 * CYCLE, marker=list(2 * MARKERS)),
 }
 
 
@@ -75,13 +68,16 @@ def canvas(
     return figure, axes.ravel().tolist()
 
 
-def as_svg(figure: Figure, *, explained: Axes | None = None, columns: int = 4) -> str:
+def as_svg(
+    figure: Figure, *, explained: Axes | None = None, columns: int = 4, tight: bool = True
+) -> str:
     """Return a figure as SVG.
 
     Args:
         figure: what was drawn.
         explained: panel whose lines are named below the figure; none if they are named elsewhere.
         columns: names beside each other.
+        tight: whether the page ends where the drawing does.
     """
     if explained is not None:
         handles, labels = explained.get_legend_handles_labels()
@@ -89,7 +85,8 @@ def as_svg(figure: Figure, *, explained: Axes | None = None, columns: int = 4) -
     text = StringIO()
     # A date or a version would give the same data other bytes.
     about = {"Date": None, "Creator": None}
-    figure.savefig(text, format="svg", metadata=about, bbox_inches="tight")
+    ends = "tight" if tight else None
+    figure.savefig(text, format="svg", metadata=about, bbox_inches=ends)
     return text.getvalue()
 
 
@@ -113,6 +110,22 @@ def maps(walks: Sequence[Walk], *, classifier: str) -> str:
         paint_map(before, survey, title=f"{title}: every estimate", kept=np.ones_like(kept))
         paint_map(after, survey, title=f"{title}: filtered by {classifier}", kept=kept)
     return as_svg(figure, explained=axes[0], columns=5)
+
+
+@styled
+def single_map(survey: LocalizedSurvey, kept: Array) -> str:
+    """Draw one map without title and legend, for a page that lays two over each other.
+
+    Args:
+        survey: the survey.
+        kept: which of its points are kept, shape (P,), bool.
+    """
+    across, along = np.ptp(survey.walls, axis=(0, 1))
+    figure, [axis] = canvas(1, width=4.6, height=4.0 * along / across + 0.5)
+    paint_map(axis, survey, title="", kept=kept)
+    axis.set_title("")
+    # Both maps must have one size: what is cut to its content may differ by a label.
+    return as_svg(figure, tight=False)
 
 
 def paint_map(axis: Axes, survey: LocalizedSurvey, *, title: str, kept: Array) -> None:
@@ -140,10 +153,7 @@ def paint_map(axis: Axes, survey: LocalizedSurvey, *, title: str, kept: Array) -
     for order, (label, places, form, colour, size) in enumerate(layers, start=1):
         about: Any = {"color": colour, "linewidth": size, "markersize": size, "zorder": order}
         axis.plot(*places.T, form, label=label, **about)
-    told = "no points"
-    if kept.any():
-        told = f"{true[kept].mean():.0%} of {kept.sum()} points on a wall"
-    axis.set_title(f"{title}\n{told}", fontsize=9)
+    axis.set_title(f"{title}\n{share_on_walls(true, kept)}", fontsize=9)
     across, along = np.transpose(
         [survey.walls.min(axis=(0, 1)) - 0.6, survey.walls.max(axis=(0, 1)) + 0.6]
     )
@@ -152,13 +162,56 @@ def paint_map(axis: Axes, survey: LocalizedSurvey, *, title: str, kept: Array) -
 
 
 @styled
+def dots(
+    rows: Sequence[Row],
+    *,
+    looks: Looks,
+    order: Sequence[str],
+    title: str,
+    metric: str,
+    best: str,
+    low: float,
+) -> str:
+    """Draw one condition: a line for each classifier, its figure as a point with its interval.
+
+    Args:
+        rows: rows of results.csv, one for each classifier.
+        looks: of the classifiers.
+        order: names of all classifiers, from above, so that conditions can be read across.
+        title: of the condition.
+        metric: what the figure is called.
+        best: the chosen classifier.
+        low: lower end of the axis.
+    """
+    figure, [axis] = canvas(1, width=3.9, height=0.85 + 0.2 * len(order))
+    for row in rows:
+        name = row["classifier"]
+        value, *ends = (float(row[key]) for key in INTERVAL)
+        place = len(order) - order.index(name)
+        axis.plot(ends, [place, place], color=looks[name].colour, linewidth=1.2)
+        axis.plot([value], [place], linestyle="", markersize=5, **looks[name].style)
+    axis.axvline(0.5, color=GREY, linestyle="--", linewidth=1)
+    axis.set_yticks(range(len(order), 0, -1), order)
+    for label in axis.get_yticklabels():
+        label.set_fontweight("bold" if label.get_text() == best else "normal")
+    axis.set(xlim=(low - 0.02, 1.02), ylim=(0.4, len(order) + 0.6), xlabel=metric)
+    axis.set_title(title, fontsize=9)
+    return as_svg(figure, tight=False)
+
+
+@styled
 def over_snr(
-    panels: Mapping[str, Mapping[str, Sequence[Row]]], *, ylabel: str, low: float = 0.0
+    panels: Mapping[str, Mapping[str, Sequence[Row]]],
+    *,
+    looks: Looks,
+    ylabel: str,
+    low: float = 0.0,
 ) -> str:
     """Draw a metric against SNR, a panel per room and a line per model, with intervals.
 
     Args:
         panels: rows of results.csv, one per SNR, by the line's label, by the panel's title.
+        looks: of the lines.
         ylabel: name of the metric.
         low: lower end of the axis.
     """
@@ -166,22 +219,27 @@ def over_snr(
     figure, axes = canvas(len(panels), width=width, height=4.2, sharey=True)
     for axis, (title, lines) in zip(axes, panels.items(), strict=True):
         for label, rows in lines.items():
-            paint_line(axis, sorted(rows, key=lambda row: float(row["snr_db"])), label=label)
+            rising = sorted(rows, key=lambda row: float(row["snr_db"]))
+            paint_line(axis, rising, label=label, **looks[label].style)
         axis.set(title=title, xlabel="SNR / dB", ylim=(low, 1.03))
     axes[0].set_ylabel(ylabel)
     return as_svg(figure, explained=axes[0])
 
 
-def paint_line(axis: Axes, rows: Sequence[Row], *, label: str) -> None:
+def paint_line(
+    axis: Axes, rows: Sequence[Row], *, label: str, along: str = "snr_db", **style: Any
+) -> None:
     """Draw one line with its interval as a band.
 
     Args:
         axis: where it is drawn.
-        rows: rows of results.csv, by rising SNR.
+        rows: rows of results.csv, by rising `along`.
         label: name of the line.
+        along: column of the horizontal axis.
+        style: of the line, as matplotlib takes it.
     """
-    x, value, low, high = numbers(rows, "snr_db", *INTERVAL)
-    [line] = axis.plot(x, value, markersize=4, label=label)
+    x, value, low, high = numbers(rows, along, *INTERVAL)
+    [line] = axis.plot(x, value, markersize=4, label=label, **style)
     axis.fill_between(x, low, high, color=line.get_color(), alpha=0.12, linewidth=0)
 
 
@@ -204,21 +262,22 @@ def paint_intervals(axis: Axes, x: Any, *, rows: Sequence[Row], **style: Any) ->
 
 
 @styled
-def bands(lines: Mapping[str, Sequence[Row]]) -> str:
+def bands(lines: Mapping[str, Sequence[Row]], *, looks: Looks) -> str:
     """Draw AUC by SNR band with intervals, a group of points per band.
 
     Args:
         lines: rows of results.csv with "low:high", by label.
+        looks: of the lines.
     """
     figure, [axis] = canvas(1, width=9.2, height=4.4)
     names = distinct(chain.from_iterable(lines.values()), "snr_db")
     lowest = 0.5
-    style = {"linestyle": "", "markersize": 4, "elinewidth": 1}
+    style: Any = {"linestyle": "", "markersize": 4, "elinewidth": 1}
     for number, (label, rows) in enumerate(lines.items()):
         # Side by side within the band, or intervals would hide each other.
         beside = (number - len(lines) / 2) * 0.07
         x = [names.index(row["snr_db"]) + beside for row in rows]
-        paint_intervals(axis, x, rows=rows, label=label, **style)
+        paint_intervals(axis, x, rows=rows, label=label, **style, **looks[label].style)
         lowest = min([lowest, *numbers(rows, "ci_low")[0]])
     axis.axhline(0.5, color=GREY, linestyle="--", linewidth=1)
     axis.set_xticks(range(len(names)), [name.replace(":", " to ") + " dB" for name in names])
@@ -227,14 +286,22 @@ def bands(lines: Mapping[str, Sequence[Row]]) -> str:
 
 
 @styled
-def belief(predictions: Mapping[str, Predictions], labelled: LabelledRows) -> str:
-    """Draw precision-recall and reliability curves of several models on one labelled set."""
+def belief(predictions: Mapping[str, Predictions], labelled: LabelledRows, *, looks: Looks) -> str:
+    """Draw precision-recall and reliability curves of several models on one labelled set.
+
+    Args:
+        predictions: what each model says, by its name.
+        labelled: the set.
+        looks: of the models.
+    """
     figure, [left, right] = canvas(2, width=9.2, height=4.4)
     for label, given in predictions.items():
         reference = labelled.reference[given.rows]
         precision, recall = metrics.pr_curve(reference, given.confidence)
-        left.plot(recall, precision, "-", label=label)
-        right.plot(*metrics.reliability_curve(reference, given.confidence), markersize=4)
+        style = looks[label].style
+        # A few markers tell curves of one colour from each other.
+        left.plot(recall, precision, label=label, markevery=0.1, markersize=4, **style)
+        right.plot(*metrics.reliability_curve(reference, given.confidence), markersize=4, **style)
     left.axhline(labelled.reference.mean(), color=GREY, linestyle="--", linewidth=1)
     left.set(title="precision and recall", xlabel="recall", ylabel="precision")
     left.set(xlim=(0, 1.01), ylim=(0, 1.03))

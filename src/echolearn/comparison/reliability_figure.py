@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 
 from echolearn.acoustics.types import Array
 from echolearn.comparison import figures
+from echolearn.comparison.looks import GREY, Look, Looks
 from echolearn.evaluation.reliability import curve
 
 ACROSS = 4
@@ -24,8 +25,13 @@ Answers = dict[str, tuple[Array, Array]]
 
 
 @figures.styled
-def reliability(panels: Mapping[str, Answers]) -> str:
-    """Draw reliability diagrams, a panel for each title."""
+def reliability(panels: Mapping[str, Answers], *, looks: Looks) -> str:
+    """Draw reliability diagrams, a panel for each title.
+
+    Args:
+        panels: what models say, by title.
+        looks: of the models.
+    """
     rows = -(-len(panels) // ACROSS)
     across = min(ACROSS, len(panels))
     figure, axes = figures.canvas(
@@ -33,9 +39,9 @@ def reliability(panels: Mapping[str, Answers]) -> str:
     )
     names = list(dict.fromkeys(name for answers in panels.values() for name in answers))
     for axis, (title, answers) in zip(axes, panels.items(), strict=False):
-        axis.plot([0, 1], [0, 1], "--", color=figures.GREY, linewidth=1)
+        axis.plot([0, 1], [0, 1], "--", color=GREY, linewidth=1)
         for name in names:
-            paint(axis, answers.get(name), label=name)
+            paint(axis, answers.get(name), label=name, look=looks[name])
         axis.set(title=title, xlim=(0, 1), ylim=(0, 1), aspect="equal")
     for axis in axes[len(panels) :]:
         axis.set_visible(False)
@@ -46,17 +52,18 @@ def reliability(panels: Mapping[str, Answers]) -> str:
     return figures.as_svg(figure, explained=axes[0])
 
 
-def paint(axis: Axes, answers: tuple[Array, Array] | None, *, label: str) -> None:
-    """Draw one model's points; where it says nothing an empty line, to keep its colour.
+def paint(axis: Axes, answers: tuple[Array, Array] | None, *, label: str, look: Look) -> None:
+    """Draw one model's points; where it says nothing an empty line, for the legend.
 
     Args:
         axis: where they are drawn.
         answers: truth and confidence, each (B,).
         label: name of the model.
+        look: of the model.
     """
     empty = np.empty(0)
     points = curve(*answers) if answers else (empty, empty, empty)
     belief, share, deviation = points
     # Bins are joined by no line: where they lie close, it would be all that is seen.
     style: Any = {"linestyle": "", "markersize": 4, "elinewidth": 0.7, "alpha": 0.8}
-    axis.errorbar(belief, share, yerr=2 * deviation, label=label, **style)
+    axis.errorbar(belief, share, yerr=2 * deviation, label=label, **style, **look.style)

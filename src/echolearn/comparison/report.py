@@ -8,20 +8,29 @@ import platform
 import re
 import sys
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
+from hashlib import sha256
 from importlib.metadata import version
 from os import cpu_count
 from pathlib import Path
+from typing import Any
 
+from echolearn.comparison.answer import COLUMNS, Answer, answer_rows, answers
 from echolearn.comparison.choice import Comparison
 from echolearn.comparison.examined import Examined, examined_facts
+from echolearn.comparison.glossary import GLOSSARY, MAP_WORDS
+from echolearn.comparison.looks import looks_of
+from echolearn.comparison.shown import DotPanel, conditions, map_pairs
 from echolearn.comparison.tables import gather
-from echolearn.comparison.template import template
+from echolearn.comparison.template import number, template, template_text
+from echolearn.evaluation.rows import to_csv
+from echolearn.robot.pages import inline_svg, page_head
 from echolearn.storage.manifests import Contents
 from echolearn.storage.marked_page import Markers, write_beside, write_between
 
-FORMAT = 10
+FORMAT = 11
 """Version of the report and the tables; part of a comparison's identity."""
 
 LIBRARIES = "numpy scipy scikit-learn torch lightning onnxruntime pyroomacoustics".split()
@@ -51,16 +60,62 @@ def make(
         name: of the comparison.
         examined: what is known of it besides.
     """
-    files = {}
-    images = {}
-    for figure, svg in drawings.items():
-        files[f"figures/{figure}.svg"] = svg.encode()
-        # Within the page, so that it needs no other file.
-        images[figure] = "data:image/svg+xml;base64," + b64encode(svg.encode()).decode()
     facts = gather(comparison) | examined_facts(examined, comparison) | {"name": name}
-    page = template("report.html").render(images=images, machine=machine(), **facts)
+    found = answers(comparison)
+    page = report_page(comparison, facts, found=found, drawings=drawings)
     table = template("table.md").render(**facts)
-    return {"report.html": page.encode(), "table.md": table.encode()} | files
+    files = {"report.html": page.encode(), "table.md": table.encode()}
+    files["answer.csv"] = to_csv(answer_rows(found), COLUMNS)
+    return files | {f"figures/{figure}.svg": svg.encode() for figure, svg in drawings.items()}
+
+
+def report_page(
+    comparison: Comparison,
+    facts: Mapping[str, Any],
+    *,
+    found: list[Answer],
+    drawings: Mapping[str, str],
+) -> str:
+    """Return the page.
+
+    Args:
+        comparison: what was found.
+        facts: what the tables show.
+        found: what the first screen says.
+        drawings: SVG of each figure by name.
+    """
+    script = template_text("report.js")
+    # Nothing but this very script may run, whatever a name on the page may hold.
+    proof = b64encode(sha256(script.encode()).digest()).decode()
+    panels = [{**each._asdict(), "told": _told(each)} for each in conditions(comparison)]
+    images: dict[str, Callable[[str], str]] = {
+        name: partial(_image, svg, name) for name, svg in drawings.items()
+    }
+    return template("report.html").render(
+        facts,
+        head=page_head(),
+        style=template_text("report.css"),
+        script=script,
+        script_hash=f"sha256-{proof}",
+        answers=found,
+        conditions=panels,
+        pairs=map_pairs(comparison) if facts["rooms"] else [],
+        images=images,
+        looks=looks_of(comparison.models),
+        glossary=GLOSSARY,
+        map_words=MAP_WORDS,
+        machine=machine(),
+    )
+
+
+def _image(svg: str, name: str, text: str) -> str:
+    return inline_svg(svg, name=name, text=text)
+
+
+def _told(condition: DotPanel) -> str:
+    """Return a panel of the dot plot in words, the largest figure first."""
+    order = sorted(condition.rows, key=lambda row: -float(row["value"]))
+    return ", ".join(f"{row['classifier']} {number(row['value'])}" for row in order)
 
 
 def machine() -> dict[str, str]:

@@ -28,6 +28,9 @@ from echolearn.evaluation.rows import (
     pick,
 )
 
+PAPER_PLANS = ("paper", "paper_planar")
+"""Plans of the paper's sets: without them a report says nothing of the paper."""
+
 SHOWN_DB = ("-10", "-5", "0")
 """SNRs of the maps' tables."""
 
@@ -91,7 +94,9 @@ def gather(comparison: Comparison) -> dict[str, Any]:
     here = pick(rows, training=("-", source))
     left = pick(here, kind="survey", classifier=best.classifier)
     runs = [run for seeds in trained(comparison).values() for run in seeds]
+    about = {*comparison.sets, *(model.trained_on for model in comparison.models)}
     return {
+        "paper": not about.isdisjoint(PAPER_PLANS),
         "source": source,
         "best": best.classifier,
         "best_line": (best.classifier, best.role),

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from echolearn.acoustics.types import Array
 from echolearn.evaluation.rows import UNFIT, Row
 
 
@@ -20,8 +21,12 @@ def template(name: str, *, room: str = "comparison") -> Any:
         lstrip_blocks=True,
     )
     environment.filters |= {each.__name__: each for each in FILTERS}
-    text = (resources.files(f"echolearn.{room}") / "templates" / name).read_text()
-    return environment.from_string(text)
+    return environment.from_string(template_text(name, room=room))
+
+
+def template_text(name: str, *, room: str = "comparison") -> str:
+    """Return what stands in the templates of a room: a template, a style, a script."""
+    return (resources.files(f"echolearn.{room}") / "templates" / name).read_text()
 
 
 def number(value: Any, scale: float = 1.0, digits: int = 2) -> str:
@@ -63,6 +68,13 @@ def signed(test: Row, *, scale: float = 100.0, digits: int = 1) -> str:
     return f"{value} [{low}, {high}]"
 
 
+def verdict(test: Row) -> str:
+    """Return what an interval of a difference allows to say: better, worse, or neither."""
+    if test["ci_low"] > 0:
+        return "better"
+    return "worse" if test["ci_high"] < 0 else "no clear difference"
+
+
 def shade(value: float) -> str:
     """Return the background of a table cell for an AUC: red below 0.5, blue above."""
     strength = min(abs(value - 0.5) / 0.5, 1.0)
@@ -90,10 +102,17 @@ def shares(line: Mapping[Any, Row], prefix: str, level: str) -> str:
     return " / ".join(values)
 
 
+def share_on_walls(true: Array, kept: Array) -> str:
+    """Return how many of the kept points lie on a wall, in words; both masks (P,), bool."""
+    if not kept.any():
+        return "no points"
+    return f"{true[kept].mean():.0%} of {kept.sum()} points on a wall"
+
+
 def p_value(p: float) -> str:
     """Return `p = ` with three decimals, or that it is smaller."""
     return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
 
 
-FILTERS = (number, with_interval, signed, shade, figure, shares, p_value)
+FILTERS = (number, with_interval, signed, shade, figure, shares, p_value, verdict)
 """What templates format figures by."""

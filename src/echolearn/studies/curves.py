@@ -6,16 +6,8 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.transforms import offset_copy
 
-from echolearn.comparison.figures import (
-    CYCLE,
-    GREY,
-    INTERVAL,
-    MARKERS,
-    as_svg,
-    canvas,
-    paint_intervals,
-    styled,
-)
+from echolearn.comparison.figures import INTERVAL, as_svg, canvas, paint_intervals, styled
+from echolearn.comparison.looks import CYCLE, GREY, MARKERS
 from echolearn.comparison.template import template
 from echolearn.evaluation.rows import Row, distinct, pick, to_csv
 from echolearn.studies.study import NAMED

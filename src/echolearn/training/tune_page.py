@@ -9,9 +9,7 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib import resources
 from io import StringIO
-from string import Template
 from typing import Any
 
 import matplotlib as mpl
@@ -19,6 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from echolearn.robot.pages import filled_page, inline_svg
 from echolearn.training.search_space import Choices, Range, Space
 
 TEMPLATE = "tune.html"
@@ -132,10 +131,9 @@ def tune_page(search: FoundSettings) -> bytes:
         "importance": _drawn(_importance, search, title="How much each setting matters"),
         "slices": _drawn(_slices, search, title="Value against each setting"),
         "rows": _rows(search),
-        "head": "".join(f"<th>{escape(key)}</th>" for key in search.space),
+        "keys": "".join(f"<th>{escape(key)}</th>" for key in search.space),
     }
-    text = (resources.files("echolearn.training") / "templates" / TEMPLATE).read_text()
-    return Template(text).substitute(filled).encode()
+    return filled_page("training", TEMPLATE, filled=filled)
 
 
 def _items(lines: Sequence[str]) -> str:
@@ -174,8 +172,7 @@ def _drawn(
         text = StringIO()
         # A date or a version would give the same search other bytes.
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    svg = text.getvalue()
-    return svg[svg.index("<svg") :].replace("<svg ", f'<svg role="img" aria-label="{title}" ', 1)
+    return inline_svg(text.getvalue(), name=title.replace(" ", "_"), text=title)
 
 
 def _history(search: FoundSettings) -> Figure:
