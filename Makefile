@@ -95,11 +95,12 @@ SMALLER := plan.size_low=[4.0,4.0,2.6] plan.size_high=[14.0,12.0,7.0] plan.t60=[
 point: $(READY) ## the bundle `point` that comes along, made anew: sets, filter, comparisons, docs/cards/point.md
 	$(RUN) generate -m plan=varied $(SMALLER) -- runs=$(POINT) -- $(JUDGED)
 	$(LEARN) plan=varied $(SMALLER) classifier=trees_invariant -- runs=$(POINT) -- $(JUDGED)
+	$(RUN) generate runs=$(POINT) plan=varied $(SMALLER) plan.poses=8 plan.rows=4096 plan.name=varied_walks plan.seed=18
 	$(RUN) generate -m runs=$(POINT) plan=offgrid_8x6x5,offgrid_13x11x5 'plan.further=[$(FURTHER)]'
 	$(RUN) compare runs=$(POINT) name=point 'tested=[offgrid_8x6x5,offgrid_13x11x5]' surveys=[]
 	$(RUN) import -m -j $(JOBS) runs=$(POINT)/measured snr_db=$(LEVELS) draw=0,1
 	$(RUN) compare runs=$(POINT)/measured name=measured tested=[varied] 'surveys=[$(OCTAHEDRON)]' $(ONE_LOCALIZER)
-	$(RUN) export runs=$(POINT) run=$$(ls -d $(POINT)/train/trees_invariant-varied-s0-*) name=point \
+	$(RUN) export runs=$(POINT) run=$$(ls -d $(POINT)/train/trees_invariant-varied-s0-*) name=point reference=varied_walks \
 	  card=docs/cards/point.md 'evidence=[$(POINT)/compare/point,$(POINT)/measured/compare/measured]'
 	rm -rf src/echolearn/bundles/point && mkdir -p src/echolearn/bundles
 	cp -r $(POINT)/bundles/point src/echolearn/bundles/point

@@ -27,7 +27,7 @@ def read(folder: Path) -> dict:
     canonical = json.dumps(unsealed, sort_keys=True, separators=(",", ":"))
     if hashlib.sha256(canonical.encode()).hexdigest() != about["sha256"]:
         sys.exit(f"{folder}/bundle.json: damaged")
-    if about["schema"] not in (2, 3):
+    if about["schema"] not in (2, 3, 4):
         sys.exit(f"{folder}/bundle.json: schema {about['schema']} is not what this script reads")
     for name, entry in about["files"].items():
         data = (folder / name).read_bytes()

@@ -16,12 +16,14 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from echolearn.robot import schema
+from echolearn.robot.reference import Reference
 from echolearn.storage import manifests
 from echolearn.storage.files import json_bytes, sha256
 from echolearn.survey.audio import wav_bytes
 
 Mutate = Callable[[Path], object]
 FILES = ("bundle.json", *schema.LIMITS)
+SUMMED = (*schema.LIMITS, schema.REFERENCE)
 
 
 def seal(folder: Path, **changes: Any) -> None:
@@ -32,7 +34,7 @@ def seal(folder: Path, **changes: Any) -> None:
     about = json.loads((folder / "bundle.json").read_text())
     about["files"] = {
         name: {"bytes": (folder / name).stat().st_size, "sha256": sha256(folder / name)}
-        for name in schema.LIMITS
+        for name in SUMMED
         if (folder / name).is_file()
     }
     for path, value in changes.items():
@@ -154,6 +156,45 @@ def added(field: int, inside: bytes, *way: int) -> Mutate:
         return data + content
 
     return replaced("model.onnx", make)
+
+
+def referring(
+    make: Callable[[bytes], bytes] = lambda data: data, **changes: Any
+) -> Callable[[Path], None]:
+    """Return the mutation that adds a reference of 100 walks, of two poses each, and spoils it.
+
+    Args:
+        make: what becomes of the file.
+        changes: what `bundle.json` says of it instead.
+    """
+
+    def mutate(folder: Path) -> None:
+        rows = np.random.default_rng(0).standard_normal((100, 2, 2)).astype("<f4")
+        sound = Reference(("score", "joint"), rows, np.array([[-2, -2], [2, 2]], "<f4"))
+        (folder / schema.REFERENCE).write_bytes(make(sound.to_bytes()))
+        seal(folder, schema=schema.WITH_REFERENCE, reference=sound.about() | changes)
+
+    return mutate
+
+
+def saved(**arrays_: Any) -> Callable[[bytes], bytes]:
+    """Return what saves other arrays in place of those of a reference."""
+
+    def make(data: bytes) -> bytes:
+        buffer = BytesIO()
+        np.savez(buffer, **dict(np.load(BytesIO(data))) | arrays_)
+        return buffer.getvalue()
+
+    return make
+
+
+def bomb(_: bytes) -> bytes:
+    """Return an archive of 128 MiB of zeros in a few kilobytes."""
+    buffer = BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name in ("rows.npy", "limits.npy"):
+            archive.writestr(name, bytes(1 << 26))
+    return buffer.getvalue()
 
 
 def varint(number: int) -> bytes:
@@ -505,4 +546,36 @@ BUNDLES |= {
         ("metrics__maps", "nested lists", [[[[]]]], "must be a mapping"),
         ("probe__file", "a path", "../../etc/passwd", "must be probe.wav"),
     )
+}
+
+NOT_HELD = "reference.npz: not the arrays it should hold"
+ROWS = np.zeros((100, 2, 2), "<f4")
+BUNDLES |= {
+    f"reference {what}": (referring(make, **changes), said)
+    for what, make, changes, said in (
+        ("not an archive", lambda data: b"PK" + data[2:9], {}, NOT_HELD),
+        ("of pickles", saved(rows=np.array([[WORDS]] * 100, dtype=object)), {}, NOT_HELD),
+        ("packed", zipped, {}, NOT_HELD),
+        ("a bomb", bomb, {}, NOT_HELD),
+        ("boastful", boastful, {}, NOT_HELD),
+        ("of doubles", saved(rows=ROWS.astype(float)), {}, NOT_HELD),
+        ("of another shape", saved(rows=ROWS[:, :1]), {}, NOT_HELD),
+        ("of more walks", lambda data: data, {"walks": 101}, NOT_HELD),
+        ("with more arrays", saved(more=ROWS), {}, NOT_HELD),
+        ("of NaN", saved(rows=ROWS * np.nan), {}, "reference.npz rows=NaN or infinity"),
+        ("of infinity", saved(limits=np.full((2, 2), np.inf, "<f4")), {}, "limits=NaN or inf"),
+        ("upside down", saved(limits=np.float32([[2, 2], [-2, -2]])), {}, "must be the lower"),
+        ("of no columns", lambda data: data, {"columns": []}, "reference.columns=: must be"),
+        ("of one twice", lambda data: data, {"columns": ["joint"] * 2}, "reference.columns=joint"),
+        ("of the truth", lambda data: data, {"columns": ["score", "reflector"]}, "must be columns"),
+        ("of 10^12 walks", lambda data: data, {"walks": 10**12}, "reference.walks=1000000000000"),
+        ("larger than any", lambda data: data + bytes(17 << 20), {}, "must be at most 16777216"),
+        ("with a key more", lambda data: data, {"code": "x"}, "reference.key=code: must be one"),
+    )
+} | {
+    "reference untold": (lambda f: (referring()(f), seal(f, schema=3)), "key=reference: must be"),
+    "reference absent": (
+        lambda f: (referring()(f), (f / "reference.npz").unlink()),
+        "reference.npz: cannot be read",
+    ),
 }

@@ -102,7 +102,7 @@ MUTATIONS |= {("bundle", name): mutate for name, mutate in LATER.items()}
 MUTATIONS |= {("survey", name): mutate for name, (mutate, _) in SURVEYS.items()}
 """What an enemy does, by the kind of a folder and a name."""
 
-GROUPS = ("model", "golden", "manifest", "entry", "observations/0001.wav", "poses.csv")
+GROUPS = ("model", "golden", "reference", "manifest", "entry", "observations/0001.wav", "poses.csv")
 """First words of names by which the table counts."""
 
 

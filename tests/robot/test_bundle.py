@@ -52,9 +52,10 @@ UNIT = {"name": "toa", "unit": "s"}
         (
             "schema",
             1,
-            "=1: must be 2 or 3; this echolearn reads schemas 2 and 3; update it or export",
+            "=1: must be 2, 3 or 4; this echolearn reads schemas 2 to 4; update it or export",
         ),
-        ("schema", 4, "=4: must"),
+        ("schema", 5, "=5: must"),
+        ("schema", 4, "reference=missing"),
         ("schema", "3", "=3: must"),
         ("schema", True, "=True: must"),
         ("kind", "set", "=set: must be bundle"),

@@ -32,6 +32,7 @@ from echolearn.survey.poses import poses_csv
 from echolearn.survey.truth import truth_csv
 from world import HALL, POSES, coming_second
 
+UNASKED = "domain: no reference, not checked\n"
 FILES = ["manifest.json", "map.csv", "map.pgm", "map.ply", "map.svg", "map.yaml", "walls.csv"]
 
 
@@ -83,7 +84,9 @@ def test_the_map_is_what_the_scorer_finds(packed, walk, made, capsys):
     found = score_survey(load(packed), reader.read_survey(walk)).map
     table = points(folder)
     said = capsys.readouterr().out
-    counts = re.match(r"36 poses, (\d+) echoes kept: (\d+) points in the map, (\d+) from", said)
+    counts = re.match(
+        f"{UNASKED}36 poses, " r"(\d+) echoes kept: (\d+) points in the map, (\d+) from", said
+    )
     kept, shown, upright = map(int, counts.groups())
     assert kept == found.kept.sum() == shown + upright
     svg = (folder / "map.svg").read_text()
@@ -334,7 +337,8 @@ def test_where_nothing_is_kept_there_is_advice(made, walk, capsys):
         (walk / name).write_bytes(audio.wav_bytes(noise, 22050.0))
     assert about(made())["kept"] == 0
     said = capsys.readouterr().out
-    first, second, *causes = said.partition("  precision")[0].splitlines()
+    assert said.startswith(UNASKED)
+    _, first, second, *causes = said.partition("  precision")[0].splitlines()
     assert first.startswith("4 poses, 0 echoes kept: 0 points in the map, 0 from floor or ceiling")
     assert second == "no point is drawn; the most likely cause first:"
     assert causes[0].startswith("  1. ") and "on trust" in "".join(causes)
@@ -482,7 +486,7 @@ def test_the_command_maps_and_verifies(packed, walk, tmp_path, monkeypatch, caps
     monkeypatch.chdir(tmp_path)
     assert main(["map", f"survey={walk}", f"bundle={packed}", "resolution=0.1"]) == 0
     said = capsys.readouterr().out
-    assert said.startswith(f"{POSES} poses, ") and said.endswith("runs/maps/walk-small\n")
+    assert said.startswith(f"{UNASKED}{POSES} poses, ") and said.endswith("runs/maps/walk-small\n")
     described = yaml.safe_load(Path("runs/maps/walk-small/map.yaml").read_text())
     assert described["resolution"] == 0.1 and -0.7 <= described["origin"][0] < HALL.size[0]
     assert main(["verify", "runs/maps/walk-small"]) == 0

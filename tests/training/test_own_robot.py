@@ -8,7 +8,7 @@ import yaml
 from echolearn.cli.main import main
 from echolearn.storage import manifests
 
-QUICK = ["plan.rows=192", "workers=1", "classifier.iterations=20", "aim=balanced"]
+QUICK = ["plan.rows=192", "walks=0", "workers=1", "classifier.iterations=20", "aim=balanced"]
 
 
 def line(*words):
@@ -72,7 +72,7 @@ def test_each_step_is_that_of_a_command(walked, monkeypatch, capsys):
     monkeypatch.chdir(walked)
     plan = manifests.load_manifest(parts_of(walked)["set"])["plan"]
     low, high = plan["t60"]
-    words = [f"plan.t60=[{low},{high}]", "plan.name=walk", "plan=varied", *QUICK[:2]]
+    words = [f"plan.t60=[{low},{high}]", "plan.name=walk", "plan=varied", QUICK[0], QUICK[2]]
     line("generate", "scene=survey", "scene.folder=runs/survey/walk", *words)
     assert capsys.readouterr().out.strip().endswith(parts_of(walked)["set"].name)
 

@@ -14,6 +14,7 @@ KEYS: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
     "noise alone": ((), (1,)),
     "realism": ((), (2,)),
     "strips": ((), (3,)),
+    "walk": ((), (4,)),
     "place": ((0,), ()),
     "fault": ((1,), ()),
     "trial": ((2,), ()),
@@ -21,9 +22,9 @@ KEYS: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
     "burst": ((4,), ()),
     "stretch": ((5,), ()),
 }
-"""What stands before and after the index in the key of each purpose. The first four belong to sets
-and surveys (index: row or pose), the others to studies (index: place or trial), which never share a
-seed's streams with them."""
+"""What stands before and after the index in the key of each purpose. The first five belong to sets
+and surveys (index: row, pose or walk), the others to studies (index: place or trial), which never
+share a seed's streams with them."""
 
 
 def stream(seed: int, purpose: str, *index: int) -> np.random.Generator:

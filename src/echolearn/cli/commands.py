@@ -244,11 +244,13 @@ def _export(config: "Config") -> Path:
     from echolearn.training.export import export
 
     runs = Path(config["runs"])
+    walks = named(config, "reference", place="data")
     evidence = [str(folder_named(each, "compare", runs=runs)) for each in config["evidence"]]
     return export(
         run=named(config, "run", place="train"),
         best=named(config, "best", place="compare"),
         card=path_of(config["card"]),
+        reference=opened_set(walks.resolve()) if walks else None,
         runs=runs,
         evidence=evidence,
         **built(config["scene"], "array probe", prefix="scene."),
@@ -321,12 +323,14 @@ def _fitted(order: "Order", config: "Config") -> Path:
     """Make the filter that was ordered step by step, and its page; what is finished is kept."""
     from echolearn.cli.config import build
     from echolearn.dataset.generate import generate
+    from echolearn.dataset.labelled_set import Dataset
     from echolearn.robot.survey_map import map_survey
     from echolearn.storage.identity import by_short_names, digest
     from echolearn.training.export import export
     from echolearn.training.own_robot import finish_fit
     from echolearn.training.split import LearningProblem
     from echolearn.training.train import train
+    from echolearn.training.walks import walks_plan
 
     runs = Path(config["runs"])
     again: Any = {
@@ -334,7 +338,12 @@ def _fitted(order: "Order", config: "Config") -> Path:
         "command": leave_out(("engine", "workers="), config["command"]),
     }
     scene = order.plan.scene
-    place = generate(order.plan, **built(config, "engine"), **again)
+    engine = built(config, "engine")
+    place = generate(order.plan, **engine, **again)
+    walks = config["walks"]
+    reference = None
+    if walks:
+        reference = Dataset(generate(walks_plan(order.plan, walks), **engine, **again))
     result = train(
         LearningProblem(opened_set(place.resolve()), target=order.target, seed=config["seed"]),
         name=config["choice"]["classifier"],
@@ -348,7 +357,7 @@ def _fitted(order: "Order", config: "Config") -> Path:
     name = f"{order.folder.name}-{digest([str(result['run'])])}"
     run = runs / "train" / str(result["run"])
     about: Any = {"run": run, "best": None, "array": scene.array, "probe": scene.probe}
-    bundle = export(**about, name=name, **again)
+    bundle = export(**about, name=name, reference=reference, **again)
     mapped = map_survey(survey=order.walk.folder, bundle=bundle, name=name, **again)
     parts = {"set": place, "run": run, "bundle": bundle, "map": mapped}
     return finish_fit(order, result, parts=parts, command=again["command"])

@@ -18,6 +18,7 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.rooms import bounds, check_inside, inside, most_echoes, size_of
 from echolearn.acoustics.sides import distance_to_outline
+from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array, Pose, Room
 from echolearn.checks import (
     BadValue,
@@ -42,7 +43,12 @@ from echolearn.storage.identity import LATER
 MATCHED_FILTERS = ("compiled", "cuda", "cpu")
 """What can compute matched filters: compiled transforms, or torch on one of its devices."""
 
-RANGES: dict[str, Range] = {"seed": (0, 10**9), "rows": (1, 10**9), "shard_rows": (1, 4096, "rows")}
+RANGES: dict[str, Range] = {
+    "seed": (0, 10**9),
+    "rows": (1, 10**9),
+    "shard_rows": (1, 4096, "rows"),
+    "poses": (1, 10_000),
+}
 """Least and largest value of a field that is a whole number."""
 
 DECIBEL = (-100.0, 100.0, "dB")
@@ -154,6 +160,11 @@ class GridPlan:
         return grid[inside(self.room, grid) & (away >= self.margin - 1e-9)]
 
     @property
+    def poses(self) -> int:
+        """Successive rows of one walk: each is for itself."""
+        return 1
+
+    @property
     def boxes(self) -> bool:
         """Whether the room is a box."""
         return isinstance(self.room, Room)
@@ -200,6 +211,8 @@ class ScatteredPlan:
         further: names of what rows hold besides the columns and tensors of every set, of `FURTHER`.
         matched_filters: what computes them, of `MATCHED_FILTERS`.
         rooms: outlines, of `drawn_rooms.ECHOES`; each row draws one.
+        poses: successive rows that share room, levels of noise, gain and robot, as the recordings
+            of a walk do, each at a place of its own; 1 draws all of it for each row.
     """
 
     name: str
@@ -223,6 +236,7 @@ class ScatteredPlan:
     further: tuple[str, ...] = field(default=(), metadata=LATER)
     matched_filters: str = field(default="compiled", metadata=LATER)
     rooms: tuple[str, ...] = field(default=("box",), metadata=LATER)
+    poses: int = field(default=1, metadata=LATER)
 
     def __post_init__(self) -> None:
         for name, size in (("size_low", self.size_low), ("size_high", self.size_high)):
@@ -269,17 +283,19 @@ class ScatteredPlan:
 
     def spot(self, row: int, rng: np.random.Generator) -> Spot:
         """Return what row number `row` observes; `rng` draws what is random about it."""
-        size = rng.uniform(self.size_low, self.size_high)
-        t60 = rng.uniform(*self.t60)
+        walk = row // self.poses
+        shared = rng if self.poses == 1 else stream(self.seed, "walk", walk)
+        size = shared.uniform(self.size_low, self.size_high)
+        t60 = shared.uniform(*self.t60)
         # Where there is nothing to choose nothing is drawn, as in plans of before.
-        outline = self.rooms[rng.integers(len(self.rooms)) if len(self.rooms) > 1 else 0]
-        room = drawn_room(outline, size, t60=t60, wall_factor=self.wall_factor, rng=rng)
+        outline = self.rooms[shared.integers(len(self.rooms)) if len(self.rooms) > 1 else 0]
+        room = drawn_room(outline, size, t60=t60, wall_factor=self.wall_factor, rng=shared)
         position = drawn_place(room, self.margin, rng=rng)
         heading = rng.uniform(-np.pi, np.pi)
-        snr_db = _uniform(self.snr_db, rng)
-        gain_db = rng.uniform(*self.gain_db)
-        levels = NoiseLevels(snr_db, _uniform(self.sdnr_db, rng), self.pings)
-        return Spot(room, Pose(position, heading), levels, row, gain_db)
+        snr_db = _uniform(self.snr_db, shared)
+        gain_db = shared.uniform(*self.gain_db)
+        levels = NoiseLevels(snr_db, _uniform(self.sdnr_db, shared), self.pings)
+        return Spot(room, Pose(position, heading), levels, walk, gain_db)
 
 
 Plan = GridPlan | ScatteredPlan

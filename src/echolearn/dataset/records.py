@@ -100,7 +100,9 @@ def recordings_of(plan: Plan, rows: range) -> tuple[Observation, list[Spot]]:
         real, spot = _real(spot, plan, row=row)
 
         # Responses take most of the time; successive rows of one position share them if they can.
-        if spot.drawn or not spots or spot.group != spots[-1].group:
+        # Those of a walk have a group, too, but places of their own.
+        own = spot.drawn or plan.poses > 1
+        if own or not spots or spot.group != spots[-1].group:
             check_inside(spot.room, spot.pose, array=scene.array)
             received = real.received(spot.room, spot.pose)
         samples[number] = add_noise(
@@ -120,7 +122,10 @@ def _real(spot: Spot, plan: Plan, *, row: int) -> tuple[Scene, Spot]:
     if plan.realism.clean:
         return plan.scene, spot
     rng = stream(plan.seed, "realism", row)
-    scene, drawn = realistic(plan.scene, plan.realism, rng=rng)
+    # One robot makes a walk: its parts are drawn at the first pose.
+    first = row - row % plan.poses
+    robot = None if plan.poses == 1 else stream(plan.seed, "realism", first)
+    scene, drawn = realistic(plan.scene, plan.realism, rng=rng, robot=robot)
     return scene, replace(spot, gain_db=spot.gain_db + drawn["gain_db"], drawn=drawn)
 
 

@@ -1,4 +1,4 @@
-"""A bundle: all that a robot needs of a trained classifier, in four files of data, no code.
+"""A bundle: all that a robot needs of a trained classifier, in files of data, no code.
 
     bundle.json   what it is, what it expects and how it was evaluated (`schema.py`), and the
                   SHA-256 of itself and of the others; written last
@@ -7,6 +7,7 @@
     golden.npz    `x` and `confidence` of 32 inputs: whoever loads the model can tell whether it
                   computes the same
     probe.wav     the burst to be played, followed by silence up to the length of a recording
+    reference.npz columns of simulated walks of the training kind (`reference`), if it has them
 
 `read_bundle` believes nothing: sizes are limited before reading, names are known beforehand, a
 localizer is one of echolearn's with plain arguments, and every value passes the checks that a
@@ -31,7 +32,8 @@ from echolearn.localization import methods
 from echolearn.localization.columns import EVERY_COLUMN, SEVERAL, TENSOR_VIEWS, UNITS, tensor_shape
 from echolearn.localization.localizer import Localizer
 from echolearn.robot import untrusted_files, untrusted_models
-from echolearn.robot.schema import GOLDEN, LIMITS, upgraded
+from echolearn.robot.reference import Reference, read_reference
+from echolearn.robot.schema import GOLDEN, REFERENCE, limits_of, upgraded
 from echolearn.storage import manifests
 from echolearn.storage.files import MEND, json_bytes, one_line
 from echolearn.survey.audio import burst_of, wav_samples
@@ -53,6 +55,7 @@ class Bundle:
         localizer: estimator of the echoes, with its window.
         model: the ONNX file.
         golden: inputs (32, *shape), float32, and their confidences (32,).
+        reference: what it was trained on looks like; None: the bundle does not tell.
     """
 
     about: Mapping[str, Any]
@@ -64,6 +67,7 @@ class Bundle:
     localizer: Localizer
     model: bytes
     golden: tuple[Array, Array]
+    reference: Reference | None = None
 
     @property
     def is_tensor(self) -> bool:
@@ -88,7 +92,7 @@ def read_bundle(folder: Path) -> Bundle:
 
     # Sizes and checksums come before any parser sees a byte.
     data = {}
-    for name, limit in LIMITS.items():
+    for name, limit in limits_of(about).items():
         data[name] = untrusted_files.read_bytes(folder / name, limit=limit)
         found = {"bytes": len(data[name]), "sha256": hashlib.sha256(data[name]).hexdigest()}
         whole = found == about["files"][name]
@@ -157,7 +161,12 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
     golden = untrusted_files.read_arrays(data["golden.npz"], expected, name=f"{folder}/golden.npz")
     localizer = localizer_of(**about["localizer"], window=SearchWindow(**about["window"]))
     single = localizer.echoes == 1
-    alone = [name for name in SEVERAL if name in inputs and single]
+    reference = None
+    if REFERENCE in data:
+        told = about["reference"]
+        reference = read_reference(data[REFERENCE], told, name=f"{folder}/{REFERENCE}")
+    seen = {*inputs, *(reference.columns if reference else ())}
+    alone = [name for name in SEVERAL if name in seen and single]
     allowed = "must be columns that a single echo has"
     check(not alone, "columns", alone, allowed=allowed, hint="localizer.echoes is 1")
     return Bundle(
@@ -170,6 +179,7 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
         localizer=localizer,
         model=data["model.onnx"],
         golden=(golden["x"], golden["confidence"]),
+        reference=reference,
     )
 
 

@@ -22,6 +22,7 @@ from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
 from echolearn.storage.once import locked
 from echolearn.survey.examining import examine
+from echolearn.survey.health import mended
 from echolearn.survey.proof import read_proved
 from echolearn.survey.survey import Survey
 
@@ -67,7 +68,9 @@ def check_survey(
     walk = with_gains(walk, None, without=without, gains=gains)
     walk, unfit = _fit(walk, bundle, resample=resample, direct=direct, played=played)
     health = examine(walk)
-    facts = survey_facts(walk, health, refused=unfit)
+    sound = not (unfit or health.refused)
+    domain = _domain(bundle, mended(walk, health), resample=resample) if sound else None
+    facts = survey_facts(walk, health, refused=unfit, domain=domain)
     fall = waterfall(walk, health, window=walk.window)
     content = page_of(walk, health, facts=facts, fall=fall)
     about = {"kind": "check", "verdict": facts.verdict} | manifests.command_entry(command)
@@ -111,6 +114,23 @@ def _fit(
     except BadValue as error:
         return walk, [str(error)]
     return replace(walk, direct=opened.direct, played=opened.played), []
+
+
+def _domain(bundle: Path | None, walk: Survey, *, resample: bool) -> str | None:
+    """Return what there is to say of a survey beside those that a bundle knows.
+
+    Args:
+        bundle: its folder; None knows nothing.
+        walk: the survey, mended; it fits the bundle.
+        resample: bring recordings of another sample rate to the bundle's.
+    """
+    if bundle is None:
+        return None
+    from echolearn.robot.bundle import read_bundle
+    from echolearn.robot.domain import domain_line
+
+    found = read_bundle(Path(bundle))
+    return domain_line(found, replace(walk, rate=found.probe.sample_rate if resample else None))
 
 
 def _write(folder: Path, content: bytes, *, about: Mapping[str, Any]) -> None:

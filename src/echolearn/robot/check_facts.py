@@ -12,6 +12,7 @@ import numpy as np
 from echolearn.acoustics.arrays import limits
 from echolearn.acoustics.bistatic import plane_wave_error
 from echolearn.acoustics.types import Array
+from echolearn.robot.reference import UNLIKE
 from echolearn.survey.health import Health
 from echolearn.survey.survey import Survey
 
@@ -64,17 +65,26 @@ class Facts:
     channels: Sequence[tuple[str, Sequence[str]]]
 
 
-def survey_facts(survey: Survey, health: Health, *, refused: Sequence[str] = ()) -> Facts:
+def survey_facts(
+    survey: Survey,
+    health: Health,
+    *,
+    refused: Sequence[str] = (),
+    domain: str | None = None,
+) -> Facts:
     """Return what there is to say of a survey.
 
     Args:
         survey: what was recorded.
         health: what the recordings say about themselves.
         refused: why else `map` would refuse it.
+        domain: how it compares with what the bundle knows, if that was asked.
     """
     lines = [("bad", "refused", line) for line in (*health.refused, *refused)]
     lines += [("told", "mended", line) for line in health.mended]
     lines += [("told", "noticed", line) for line in health.noticed]
+    if domain is not None:
+        lines.append(("told" if domain.startswith(UNLIKE) else "fine", "domain", domain))
     state, verdict = "fine", "map would take it as it is"
     if health.refused or refused:
         state, verdict = "bad", "map would refuse it"

@@ -1,8 +1,9 @@
 """What `bundle.json` holds: a table of its keys, each with what may stand there.
 
-Bundles on robots outlive versions of echolearn. This reads schema 3; `upgraded` turns 2 into it, in
-which a localizer was named by module and class, `gated.Gated` instead of `gated`. In the first,
-`parity` was a number. Texts are printable, so that none plays tricks with a terminal.
+Bundles on robots outlive versions of echolearn. This reads schema 3, and 4, which is 3 with a
+reference (`reference`); `upgraded` turns 2 into 3, in which a localizer was named by module and
+class, `gated.Gated` instead of `gated`. In the first, `parity` was a number. Texts are printable,
+so that none plays tricks with a terminal.
 """
 
 from collections.abc import Mapping
@@ -22,13 +23,20 @@ from echolearn.storage.advice import is_command
 from echolearn.storage.tables import check_plain, nullable
 
 SCHEMA = 3
-"""Version of the format that is written."""
+"""Version of the format of bundles without a reference."""
+
+WITH_REFERENCE = 4
+"""That of bundles with one."""
 
 GOLDEN = 32
 """Inputs whose confidences travel with the model."""
 
 LIMITS = {"model.onnx": 64 << 20, "golden.npz": 16 << 20, "probe.wav": 16 << 20}
 """The files besides `bundle.json`, each with the bytes it may have."""
+
+REFERENCE = "reference.npz"
+LARGEST_REFERENCE = 16 << 20
+"""Bytes that the file of a reference may have."""
 
 REFLECTOR = "a wall's echo arrives within 10 samples of toa"
 LABELS = {
@@ -66,6 +74,7 @@ def check_microphones(name: str, value: Any) -> None:
 
 
 COUNT = partial(check_whole, low=1, high=10**12)
+ENTRY = {"bytes": COUNT, "sha256": check_text}
 SHARE = partial(check_number, low=0.0, high=1.0)
 FIGURE = dict.fromkeys(("value", "ci_low", "ci_high"), nullable(check_number))
 
@@ -103,10 +112,27 @@ TABLE: dict[str, Any] = {
         "maps": [{"tested_on": check_text, "metric": check_text, **FIGURE}],
     },
     "versions": {...: check_text},
-    "files": {name: {"bytes": COUNT, "sha256": check_text} for name in LIMITS},
+    "files": dict.fromkeys(LIMITS, ENTRY),
     "sha256": check_text,
 }
 """Keys of `bundle.json`."""
+
+REFERRING: dict[str, Any] = TABLE | {
+    "schema": WITH_REFERENCE,
+    "files": dict.fromkeys((*LIMITS, REFERENCE), ENTRY),
+    "reference": {
+        "columns": [check_text],
+        "walks": partial(check_whole, low=1, high=100_000),
+        "poses": partial(check_whole, low=1, high=1000),
+    },
+}
+"""Keys of that of a bundle with a reference."""
+
+
+def limits_of(about: Mapping[str, Any]) -> dict[str, int]:
+    """Return the files of a bundle besides `bundle.json`, each with the bytes it may have."""
+    referring = about["schema"] == WITH_REFERENCE
+    return LIMITS | ({REFERENCE: LARGEST_REFERENCE} if referring else {})
 
 
 def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -116,11 +142,11 @@ def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
         BadValue: another schema, or a key that is missing, unknown or not as `TABLE` says.
     """
     schema = content.get("schema")
-    known = type(schema) is int and schema in (2, SCHEMA)
-    hint = f"this echolearn reads schemas 2 and {SCHEMA}; update it or export again"
-    check(known, "schema", schema, allowed=f"must be 2 or {SCHEMA}", hint=hint)
-    about = {"command": None, **content, "schema": SCHEMA}
-    check_plain("", about, table=TABLE)
+    known = type(schema) is int and schema in (2, SCHEMA, WITH_REFERENCE)
+    hint = f"this echolearn reads schemas 2 to {WITH_REFERENCE}; update it or export again"
+    check(known, "schema", schema, allowed=f"must be 2, {SCHEMA} or {WITH_REFERENCE}", hint=hint)
+    about = {"command": None, **content, "schema": max(int(schema or 0), SCHEMA)}
+    check_plain("", about, table=REFERRING if schema == WITH_REFERENCE else TABLE)
     # It is the one thing that has changed since then.
     if schema == 2:
         about["localizer"] = about["localizer"] | {"name": _short(about["localizer"]["name"])}

@@ -23,6 +23,7 @@ from echolearn.mapping.files import grid, ply, svg, table
 from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.robot.advice import causes
 from echolearn.robot.choices import OF_THE_SURVEY, open_survey, with_gains
+from echolearn.robot.domain import domain_line
 from echolearn.robot.map_folder import (
     describe_map,
     finished_map,
@@ -31,6 +32,7 @@ from echolearn.robot.map_folder import (
     told,
     write_map,
 )
+from echolearn.robot.reference import UNCHECKED
 from echolearn.robot.scorer import Scorer, load
 from echolearn.runtime.progress import track
 from echolearn.storage import manifests
@@ -38,7 +40,7 @@ from echolearn.storage.files import sha256
 from echolearn.storage.once import once
 from echolearn.survey.audio import LARGEST, check_size
 from echolearn.survey.examining import examine
-from echolearn.survey.health import mended
+from echolearn.survey.health import Health, mended
 from echolearn.survey.proof import used
 from echolearn.survey.survey import Survey, blocks
 
@@ -91,9 +93,7 @@ def map_survey(
     walk = with_gains(walk, scorer.bundle, without=without, gains=gains)
     asked = {"direct": direct, "ros": ros or None, "resolution": float(resolution), "sign": sign}
     order = _Order(scorer, walk, asked=asked | {"played": played}, writers=writers)
-    finished = partial(finished_map, folder, order.inputs)
-    make = partial(order.make, folder, command=command)
-    report(once(folder, finished=finished, make=make, doing="writes it"))
+    order.run(folder, command)
     return folder
 
 
@@ -145,6 +145,32 @@ class _Order:
         """What the map is made from, as it was when first asked."""
         return self.identity()
 
+    @cached_property
+    def sound(self) -> tuple[Health, Survey]:
+        """What the recordings say about themselves, and the walk, mended."""
+        health = examine(self.walk)
+        return health, mended(self.walk, health)
+
+    @cached_property
+    def domain(self) -> str:
+        """What there is to say of the recordings beside those that the bundle knows."""
+        return domain_line(self.scorer.bundle, self.sound[1])
+
+    def run(self, folder: Path, command: str | None) -> None:
+        """Make the map unless it is there, and print what it is worth."""
+        finished = partial(finished_map, folder, self.inputs)
+        self.tell_domain(finished())
+        make = partial(self.make, folder, command=command)
+        report(once(folder, finished=finished, make=make, doing="writes it"))
+
+    def tell_domain(self, known: Mapping[str, Any] | None) -> None:
+        """Say, before a point is drawn, whether the filter knows such recordings.
+
+        What the manifest of a finished map says holds.
+        """
+        told = self.domain if known is None else known.get("domain", UNCHECKED)
+        print(f"domain: {told}", flush=True)
+
     def identity(self) -> dict[str, Any]:
         """Return what the map is made from: the bundle, all files of the survey, what was asked."""
         sums = hashlib.sha256()
@@ -162,8 +188,7 @@ class _Order:
 
     def make(self, folder: Path, *, command: str | None) -> dict[str, Any]:
         """Write the map, and return its manifest."""
-        health = examine(self.walk)
-        walk = mended(self.walk, health)
+        health, walk = self.sound
         mapped = score_survey(self.scorer, walk, resolution=self.asked["resolution"])
         # Times and directions alone are a table.
         writers = self.writers if walk.mapped else [table]
@@ -175,6 +200,8 @@ class _Order:
         allowed = "must not change while it is mapped"
         same = self.identity() == self.inputs
         check(same, "survey", self.walk.folder, allowed=allowed, hint=hint)
+        if self.scorer.bundle.reference is not None:
+            about["domain"] = self.domain
         about |= {"inputs": self.inputs} | manifests.command_entry(command)
         return write_map(folder, files, about=about)
 

@@ -16,6 +16,7 @@ from echolearn.checks import BadValue, check, check_name, check_whole
 from echolearn.classifiers.operating_point import BALANCED, Aim, choose_cut, point_of, read_aim
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.robot import bundle, schema, scorer
+from echolearn.robot.reference import Reference
 from echolearn.storage import manifests
 from echolearn.storage.advice import assignment, command_line, repair_hint
 from echolearn.storage.files import clean, load_json, write_atomic
@@ -24,6 +25,7 @@ from echolearn.training.bundle_contents import bundle_description, bundle_files,
 from echolearn.training.card import card as card_of
 from echolearn.training.predictions import validation_rows
 from echolearn.training.runs import Run, read_run
+from echolearn.training.walks import reference_of
 
 RUN = "must be a folder that echolearn train wrote"
 COMPARISON = "must be a folder that echolearn compare wrote"
@@ -39,6 +41,7 @@ def export(
     name: str | None = None,
     aim: str | None = None,
     resamples: int = 1000,
+    reference: Dataset | None = None,
     card: Path | None = None,
     evidence: Sequence[str] = (),
     command: str | None = None,
@@ -51,6 +54,8 @@ def export(
         runs, name: the bundle goes to `runs/bundles/<name>`; named after its run unless given.
         aim: what the cut shall do on validation rows; None leaves the run's (`operating_point`).
         resamples: bootstrap draws behind the intervals of its metrics.
+        reference: set of simulated walks of the training kind (`walks`), by which robots ask
+            whether their recordings are of it; None: the bundle does not tell.
         card, evidence: Markdown page about the bundle, if wanted; comparisons that it shows.
         command: what makes the bundle again.
 
@@ -65,13 +70,15 @@ def export(
     folder = Path(runs) / "bundles" / name
     # Everything is put together before the folder is touched: what fails leaves nothing.
     dataset = set_of(source)
-    cut = source if wanted is None else cut_for(source, dataset, aim=wanted)
+    cut = cut_for(source, dataset, aim=wanted)
     about = bundle_description(cut, dataset, array=array, probe=probe, resamples=resamples)
     # A comparison speaks of the maps that the run's own cut leaves.
     maps = map_figures(Path(best), cut) if best and cut.threshold == source.threshold else []
     about["metrics"]["maps"] = maps
     about |= {"name": name, **manifests.command_entry(command)}
     files = bundle_files(cut, dataset, probe=probe)
+    if reference is not None:
+        _refer(about, files, told=reference_of(cut.inputs, dataset, walks=reference))
     with locked(folder, waiting=f"{name}: waiting for another command that exports it"):
         check_free(folder, cut)
         if not _holds(folder, about, files=files):
@@ -79,6 +86,18 @@ def export(
     if card:
         _write_card(card, folder, plan=dataset.manifest["plan"], evidence=evidence)
     return folder
+
+
+def _refer(about: dict[str, Any], files: dict[str, bytes], *, told: Reference) -> None:
+    """Add a reference to the content of a bundle.
+
+    Args:
+        about: what `bundle.json` says.
+        files: the others, by name.
+        told: the reference.
+    """
+    about |= {"schema": schema.WITH_REFERENCE, "reference": told.about()}
+    files[schema.REFERENCE] = told.to_bytes()
 
 
 def _write_card(
@@ -163,19 +182,19 @@ def set_of(run: Run) -> Dataset:
     raise BadValue(f"run={run.folder}: its set must be under {place}; make it: {make}")
 
 
-def cut_for(run: Run, dataset: Dataset, *, aim: Aim) -> Run:
+def cut_for(run: Run, dataset: Dataset, *, aim: Aim | None) -> Run:
     """Return a run with the cut that an aim calls for on its own validation rows.
 
     Args:
         run: finished run.
         dataset: set that it was trained on.
-        aim: what the cut shall do.
+        aim: what the cut shall do; None leaves the run's.
 
     Raises:
         BadValue: a precision out of reach.
     """
     # Chosen again by the exported model, the run's own cut would differ by rounding.
-    if run.metrics.get("operating_point", {"aim": BALANCED})["aim"] == str(aim):
+    if aim is None or run.metrics.get("operating_point", {"aim": BALANCED})["aim"] == str(aim):
         return run
     point = choose_cut(*validation_rows(run, dataset), aim=aim)
     told = {"threshold": point.threshold, "operating_point": point_of(point)}
@@ -191,7 +210,9 @@ def check_free(folder: Path, run: Run) -> None:
     except BadValue:
         # A bundle that was interrupted or damaged has names of its own only, and may be mended.
         names = {path.name for path in folder.glob("[!.]*")}
-        other = run.identity if names <= {*schema.LIMITS, manifests.BUNDLE} else ""
+        other = (
+            run.identity if names <= {*schema.LIMITS, schema.REFERENCE, manifests.BUNDLE} else ""
+        )
     content = f"the bundle of {other}" if other else "something else"
     allowed = "must be a new name, or that of this run's bundle"
     hint = f"{folder} holds {content}"
