@@ -22,6 +22,7 @@ from echolearn.checks import BadValue
 from echolearn.cli.main import main
 from echolearn.robot.check import check_survey
 from echolearn.robot.png import LEVELS, palette, png_bytes
+from echolearn.robot.shipped import FOLDER
 from echolearn.robot.waterfall import waterfall
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.rir.images import Images
@@ -314,4 +315,4 @@ def test_it_runs_where_only_numpy_scipy_and_yaml_are(folder, checked, tmp_path):
     assert (run.returncode, run.stderr) == (0, "")
     assert run.stdout.endswith("alone/check/walk/check.html\n")
     alone = tmp_path / "alone" / "check" / "walk" / "check.html"
-    assert alone.read_bytes() == checked().read_bytes()
+    assert alone.read_bytes() == checked(bundle=FOLDER / "point").read_bytes()

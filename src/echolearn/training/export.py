@@ -54,8 +54,7 @@ def export(
         runs, name: the bundle goes to `runs/bundles/<name>`; named after its run unless given.
         aim: what the cut shall do on validation rows; None leaves the run's (`operating_point`).
         resamples: bootstrap draws behind the intervals of its metrics.
-        reference: set of simulated walks of the training kind (`walks`), by which robots ask
-            whether their recordings are of it; None: the bundle does not tell.
+        reference: set of simulated walks of the training kind (`walks`), if robots shall ask.
         card, evidence: Markdown page about the bundle, if wanted; comparisons that it shows.
         command: what makes the bundle again.
 
@@ -79,13 +78,27 @@ def export(
     files = bundle_files(cut, dataset, probe=probe)
     if reference is not None:
         _refer(about, files, told=reference_of(cut.inputs, dataset, walks=reference))
-    with locked(folder, waiting=f"{name}: waiting for another command that exports it"):
-        check_free(folder, cut)
-        if not _holds(folder, about, files=files):
-            _write(folder, about, files=files)
+    _write_once(folder, about, files=files, run=cut)
     if card:
         _write_card(card, folder, plan=dataset.manifest["plan"], evidence=evidence)
     return folder
+
+
+def _write_once(
+    folder: Path, about: Mapping[str, Any], *, files: Mapping[str, bytes], run: Run
+) -> None:
+    """Write a bundle unless it is there.
+
+    Args:
+        folder: of the bundle.
+        about: what `bundle.json` says.
+        files: the others, by name.
+        run: whose it is.
+    """
+    with locked(folder, waiting=f"{folder.name}: waiting for another command that exports it"):
+        check_free(folder, run)
+        if not _holds(folder, about, files=files):
+            _write(folder, about, files=files)
 
 
 def _refer(about: dict[str, Any], files: dict[str, bytes], *, told: Reference) -> None:
