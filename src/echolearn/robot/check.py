@@ -76,13 +76,24 @@ def check_survey(
     about = {"kind": "check", "verdict": facts.verdict} | manifests.command_entry(command)
     _write(folder, content, about=about)
     print("\n".join(screen(facts)))
-    reasons = [*health.refused, *unfit]
-    if reasons:
+    if health.refused or unfit:
         print(folder / PAGE, flush=True)
-        more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
-        alone = "" if health.refused else "; bundle=null asks about the recordings alone"
-        raise BadValue(f"{survey}: map would refuse it: {reasons[0]}{more}{alone}")
+        raise _refusal(survey, health.refused, unfit=unfit)
     return folder / PAGE
+
+
+def _refusal(survey: Path, refused: Sequence[str], *, unfit: Sequence[str]) -> BadValue:
+    """Return what to raise about a survey that `map` would refuse.
+
+    Args:
+        survey: its folder.
+        refused: what its recordings say.
+        unfit: why the bundle does not take it.
+    """
+    first, *others = [*refused, *unfit]
+    more = f" (and {len(others)} more)" if others else ""
+    alone = "" if refused else "; bundle=null asks about the recordings alone"
+    return BadValue(f"{survey}: map would refuse it: {first}{more}{alone}")
 
 
 def _fit(

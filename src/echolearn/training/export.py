@@ -64,9 +64,7 @@ def export(
     check_whole("resamples", resamples, low=20, high=100_000)
     wanted = None if aim is None else read_aim(aim)
     source = find_run(run, best)
-    name = source.identity if name is None else name
-    check_name("name", name)
-    folder = Path(runs) / "bundles" / name
+    folder = _folder(runs, source.identity if name is None else name)
     # Everything is put together before the folder is touched: what fails leaves nothing.
     dataset = set_of(source)
     cut = cut_for(source, dataset, aim=wanted)
@@ -74,7 +72,7 @@ def export(
     # A comparison speaks of the maps that the run's own cut leaves.
     maps = map_figures(Path(best), cut) if best and cut.threshold == source.threshold else []
     about["metrics"]["maps"] = maps
-    about |= {"name": name, **manifests.command_entry(command)}
+    about |= {"name": folder.name, **manifests.command_entry(command)}
     files = bundle_files(cut, dataset, probe=probe)
     if reference is not None:
         _refer(about, files, told=reference_of(cut.inputs, dataset, walks=reference))
@@ -82,6 +80,12 @@ def export(
     if card:
         _write_card(card, folder, plan=dataset.manifest["plan"], evidence=evidence)
     return folder
+
+
+def _folder(runs: Path, name: str) -> Path:
+    """Return the folder of a bundle, whose name is checked."""
+    check_name("name", name)
+    return Path(runs) / "bundles" / name
 
 
 def _write_once(
