@@ -57,7 +57,7 @@ SMALL = {
     "plan": few(8),
     "growing": few(4),
     "realistic": Realism(spread=(0.001, 0.001), scattering=(0.3, 0.3)),
-    "localizers": {"gated": few(8).localizer},
+    "localizers": {"gated": replace(few(8).localizer, azimuths=8)},
     "workers": 2,
     "repetitions": 2,
     "long_repetitions": 1,

@@ -1,10 +1,13 @@
 """A user's own parts, in a folder of the user's own; what the tab key and `--info` say of all."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -19,6 +22,15 @@ from echolearn.classifiers.methods.threshold import Threshold
 class Plain(Threshold):
     """A threshold under another name."""
 '''
+
+
+class Done(NamedTuple):
+    """What became of a command line."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
 
 OPTION = """_target_: plain.Plain
 inputs: [score]  # the column
@@ -35,15 +47,46 @@ def own(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def echolearn(*words: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
-    """Run a command line in a folder, with some variables in its environment."""
-    return subprocess.run(
-        [sys.executable, "-m", "echolearn", *words],
-        cwd=folder,
-        env={**os.environ, "COLUMNS": "200"} | variables,
-        capture_output=True,
-        text=True,
-    )
+LINES = """
+import json, os, sys
+import hydra, numpy
+from echolearn.cli.main import main
+for line in sys.stdin:
+    words, folder, variables = json.loads(line)
+    child = os.fork()
+    if child == 0:
+        os.chdir(folder)
+        os.environ.update(variables)
+        for number, name in ((1, "out"), (2, "err")):
+            os.dup2(os.open(f"{folder}/.{name}", os.O_CREAT | os.O_TRUNC | os.O_WRONLY), number)
+        sys.exit(main(words))
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+"""A program whose copies run a command line each: what takes time is to load the libraries."""
+
+
+@pytest.fixture(scope="module")
+def lines() -> Iterator[subprocess.Popen[str]]:
+    """Return the process that runs command lines in copies of itself."""
+    command = [sys.executable, "-c", LINES]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
+        yield process
+        process.stdin.close()
+
+
+@pytest.fixture
+def echolearn(lines: subprocess.Popen[str]) -> Callable[..., Done]:
+    """Return what runs a command line in a folder, with some variables in its environment."""
+
+    def run(*words: str, folder: Path, **variables: str) -> Done:
+        lines.stdin.write(f"{json.dumps([words, str(folder), {'COLUMNS': '200'} | variables])}\n")
+        lines.stdin.flush()
+        status = int(lines.stdout.readline())
+        out, err = ((folder / f".{name}").read_text() for name in ("out", "err"))
+        return Done(status, out, err)
+
+    return run
 
 
 def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_from(own):
@@ -86,14 +129,14 @@ def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_fro
         (["train", "--version"], "."),
     ],
 )
-def test_what_hydra_offers_is_there(words, said, own):
+def test_what_hydra_offers_is_there(words, said, own, echolearn):
     done = echolearn(*words, folder=own)
     assert done.returncode == 0
     assert said in done.stdout
     assert done.stderr == ""
 
 
-def test_the_folder_may_be_named_by_a_variable(own):
+def test_the_folder_may_be_named_by_a_variable(own, echolearn):
     done = echolearn("train", "classifier=plain_score", "--cfg", folder=own, **{VARIABLE: "mine"})
     assert "plain.Plain" in done.stdout
 
@@ -112,7 +155,7 @@ def test_the_folder_may_be_named_by_a_variable(own):
         (["-m", "seed=interval(0,3)"], "seed=interval(0,3): an interval has no values"),
     ],
 )
-def test_a_slip_ends_in_one_line(words, said, own):
+def test_a_slip_ends_in_one_line(words, said, own, echolearn):
     (own / "double" / "classifier").mkdir(parents=True)
     shutil.copy(
         own / "mine" / "classifier" / "plain_score.yaml",
@@ -137,14 +180,14 @@ def test_a_slip_ends_in_one_line(words, said, own):
         ("echolearn nothing x", []),
     ],
 )
-def test_the_tab_key_completes(line, words, own):
+def test_the_tab_key_completes(line, words, own, echolearn):
     variables = {VARIABLE: "mine", "COMP_LINE": line}
     done = echolearn("-sc", "query=bash", folder=own, **variables)
     assert done.stdout.split() == words
 
 
 @pytest.mark.parametrize("shell", SCRIPTS)
-def test_a_shell_can_read_what_it_is_to_evaluate(shell, own):
+def test_a_shell_can_read_what_it_is_to_evaluate(shell, own, echolearn):
     script = echolearn("-sc", f"install={shell}", folder=own).stdout
     if shutil.which(shell) is None:
         pytest.skip(f"no {shell} here")

@@ -8,7 +8,7 @@ import yaml
 from echolearn.cli.main import main
 from echolearn.storage import manifests
 
-QUICK = ["plan.rows=192", "walks=0", "workers=1", "classifier.iterations=20", "aim=balanced"]
+QUICK = ["plan.rows=192", "walks=0", "engine=serial", "classifier.iterations=20", "aim=balanced"]
 
 
 def line(*words):

@@ -250,7 +250,7 @@ def test_what_a_search_wrote_can_be_trained(world, tmp_path, monkeypatch, capsys
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("ECHOLEARN_CONFIG", "")
     small = ["plan=tiny_scattered", "plan.rows=150", "target=reflector"]
-    assert main(["generate", *small[:2], "workers=1"]) == 0
+    assert main(["generate", *small[:2], "engine=serial"]) == 0
     words = ["classifier=trees_features", "classifier.iterations=20", *small]
     space = "space={depth:{low:2,high:4}}"
     assert main(["tune", *words, "trials=2", "name=mine", space]) == 0

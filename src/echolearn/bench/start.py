@@ -23,4 +23,5 @@ def start(setting: Setting) -> Iterator[Measurement]:
 def program(*words: str) -> Contestant:
     """Return a Python program as a process of its own."""
     line = [sys.executable, *words]
-    return Contestant(partial(subprocess.run, line, check=True, stdout=subprocess.DEVNULL))
+    work = partial(subprocess.run, line, check=True, stdout=subprocess.DEVNULL)
+    return Contestant(work, warm=False)

@@ -14,7 +14,6 @@ them: no weights here.
 import math
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from echolearn.acoustics.sides import blocked
 from echolearn.acoustics.types import Array
@@ -102,5 +101,8 @@ def of_walls(walls: Array, shown: Array, *, poses: Array) -> dict[str, float]:
 
 def _nearest(points: Array, others: Array) -> Array:
     """Return each point's distance to the nearest of the others, infinite if there are none."""
+    # Loaded here: whoever makes sets needs none of it, and starts a process for each core.
+    from scipy.spatial.distance import cdist
+
     distance: Array = cdist(points, others).min(axis=1, initial=np.inf)
     return distance

@@ -14,7 +14,6 @@ is knowledge, not learned, and the same for all classifiers.
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check_whole
@@ -125,6 +124,8 @@ def _peaks(values: Array, grid: Grid) -> tuple[Array, Array]:
     turn = round(TURN * grid.normals / (2.0 * np.pi))
     apart = round(APART / grid.step)
     size = (2 * turn + 1, 2 * apart + 1)
+    from scipy.ndimage import maximum_filter
+
     around = maximum_filter(values, size, mode=("wrap", "constant"), cval=0.0)
     row, column = np.nonzero((values == around) & (values > 0))
     order = np.argsort(-values[row, column], kind="stable")
