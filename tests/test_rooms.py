@@ -43,12 +43,14 @@ OWNERS = {
     "jinja2": ["comparison"],
     "rich dask distributed threadpoolctl": ["runtime"],
     "rosbags": ["mapping"],
+    "foxglove cyclonedds": ["robot"],
     "filelock": ["storage"],
 }
 """Rooms that may import each library."""
 
 DISTRIBUTIONS = {
     "distributed": "dask",
+    "foxglove": "foxglove-sdk",
     "omegaconf": "hydra-core",
     "hydra": "hydra-core",
     "sklearn": "scikit-learn",
@@ -142,6 +144,7 @@ def test_what_a_glob_finds_is_what_can_be_chosen(folder, groups):
     [
         ("robot.scorer", {"onnxruntime"}),
         ("robot.check", {"yaml"}),
+        ("robot.live.following", {"onnxruntime", "yaml"}),
         ("dataset.generate", set()),
         ("localization.localize, echolearn.mapping.echo_map, echolearn.evaluation.metrics", set()),
         ("simulation.survey, echolearn.training.runs, echolearn.comparison.compare", {"yaml"}),

@@ -10,7 +10,6 @@ import shlex
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +24,10 @@ from echolearn.cli.keys import (
     recorded_survey,
     walk_cells,
 )
+from echolearn.cli.tuning import tune_classifier
+
+SHOWN = ("host=", "page=", "foxglove=", "mcap=", "dds=", "until=", "lines=")
+"""Words of `live` that make no other map."""
 
 if TYPE_CHECKING:
     from echolearn.cli.config import Config
@@ -65,48 +68,6 @@ def _train(config: "Config") -> Path:
         **built(config, "name folds calibration aim without command"),
     )
     return Path(config["runs"]) / "train" / str(result["run"])
-
-
-def _tune(config: "Config") -> Path:
-    """Search over a classifier's settings by its validation rows; continues where it was killed."""
-    from echolearn.checks import check
-    from echolearn.cli.config import build
-    from echolearn.cli.own import search_space
-    from echolearn.cli.searches import fitted_to
-    from echolearn.storage.identity import by_short_names
-    from echolearn.training.search_space import read_space, with_values
-    from echolearn.training.split import LearningProblem
-    from echolearn.training.tune import Tuning, tune
-
-    allowed = "must be there"
-    there = find_spec("optuna") is not None
-    check(there, "library", "optuna", allowed=allowed, hint="pip install 'echolearn[tune]'")
-    classifier = config["classifier"]
-    if config["space"] is None:
-        plain, file = search_space(config["choice"]["classifier"])
-    else:
-        plain, file = fitted_to(config["space"], classifier), "space"
-    space = read_space(plain, name=file)
-    # A key that is not there is told before any work.
-    with_values(classifier, space)
-    division = built(config, "target seed split test_share validation_share train_rows")
-    order = Tuning(
-        LearningProblem(open_set(config), **division),
-        config["choice"]["classifier"],
-        lambda values: build(with_values(classifier, values), "classifier"),
-        config=by_short_names(classifier),
-        space=space,
-        metric=config["metric"],
-        seed=config["search_seed"],
-    )
-    command = leave_out(("trials=",), config["command"])
-    return tune(
-        order,
-        name=config["name"],
-        runs=Path(config["runs"]),
-        trials=config["trials"],
-        command=shlex.join([*shlex.split(command), f"trials={config['trials']}"]),
-    )
 
 
 def _without(classifier: "Config", columns: list[str]) -> "Config":
@@ -273,16 +234,33 @@ def _map(config: "Config") -> Path:
     )
 
 
+def _live(config: "Config") -> Path:
+    """Map a survey while it is recorded, show the map as it grows, and write it when that ends."""
+    from echolearn.robot.live.following import live_survey
+    from echolearn.robot.live.viewers import Viewing
+    from echolearn.robot.shipped import ALLOWED, find_bundle
+
+    return live_survey(
+        survey=recorded_survey(config),
+        bundle=find_bundle(needed(config, "bundle", allowed=ALLOWED), Path(config["runs"])),
+        runs=Path(config["runs"]),
+        viewing=Viewing(**built(config, "host page foxglove mcap dds")),
+        # What is written is what `map` writes, so that is what makes it again.
+        command=leave_out(SHOWN, config["command"]).replace("echolearn live", "echolearn map", 1),
+        **built(config, "name until lines resolution resample direct played"),
+        **built(config, "without gains localizer"),
+    )
+
+
 def _check(config: "Config") -> Path:
     """Examine a recorded survey before anything is trusted: a screen of text and a page."""
     from echolearn.robot.check import check_survey
     from echolearn.robot.shipped import find_bundle
 
-    runs = Path(config["runs"])
     return check_survey(
         survey=recorded_survey(config),
-        bundle=find_bundle(config["bundle"], runs) if config["bundle"] else None,
-        runs=runs,
+        bundle=find_bundle(config["bundle"], Path(config["runs"])) if config["bundle"] else None,
+        runs=Path(config["runs"]),
         **built(config, "name resample direct played without gains command"),
     )
 
@@ -314,8 +292,7 @@ def _fit(config: "Config") -> Path:
         window=window,
         **built(config, "target calibration aim"),
     )
-    runs = Path(config["runs"])
-    order = order_for(survey, recipe, runs=runs, **built(config, "name"))
+    order = order_for(survey, recipe, runs=Path(config["runs"]), **built(config, "name"))
     return _fitted(order, config)
 
 
@@ -366,7 +343,7 @@ def _fitted(order: "Order", config: "Config") -> Path:
 COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
     "generate": _generate,
     "train": _train,
-    "tune": _tune,
+    "tune": tune_classifier,
     "survey": _survey,
     "import": _import,
     "compare": _compare,
@@ -375,6 +352,7 @@ COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
     "export": _export,
     "check": _check,
     "map": _map,
+    "live": _live,
     "fit": _fit,
 }
 

@@ -35,7 +35,7 @@ INFO = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
 VERIFY = "verify"
 """The command that takes folders instead of a configuration."""
 
-ALONE = ("generate", "check", "map")
+ALONE = ("generate", "check", "map", "live")
 """Commands that compute with one thread."""
 
 Job = tuple[str, dict[str, Any]]
@@ -106,7 +106,7 @@ def dispatch(words: Sequence[str], *, trace: bool) -> None:
 
         # The workers of `generate` compute with one thread each. If numpy, which now loads, begins
         # no threads here either, this process can fork them, which saves each its imports. Those of
-        # `check` and `map` would wait for one another: their matrices are small.
+        # `check`, `map` and `live` would wait for one another: their matrices are small.
         with single_threads() if command in ALONE else nullcontext():
             run(command, rest, trace=trace)
 

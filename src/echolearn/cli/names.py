@@ -30,7 +30,7 @@ Job = tuple[str, dict[str, Any]]
 BY_CONTENT = ("generate", "train")
 """Commands that name their folders after all that goes into them."""
 
-BY_SWEEP = ("check", "fit", "import", "map", "survey")
+BY_SWEEP = ("check", "fit", "import", "live", "map", "survey")
 """Commands that name theirs after what a sweep varies, where usual names meet."""
 
 

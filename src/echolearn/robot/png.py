@@ -27,14 +27,19 @@ def palette() -> Array:
     return np.stack(channels, axis=-1).round().astype(np.uint8)
 
 
-def png_bytes(levels: Array) -> bytes:
-    """Return levels (H, W) as a PNG file."""
+def png_bytes(levels: Array, colours: Array | None = None) -> bytes:
+    """Return levels (H, W) as a PNG file, in colours (any, 3), uint8; those of `palette` if none.
+
+    Each level is the place of its colour.
+    """
     height, width = levels.shape
     # Every line of pixels begins with the number of its filter, 0 for none.
     lines = np.pad(levels.astype(np.uint8), ((0, 0), (1, 0)))
     # 8 bits a pixel, colour type 3: each is a place in the palette.
     header = struct.pack(">2I5B", width, height, 8, 3, 0, 0, 0)
-    body = _chunk(b"IHDR", header) + _chunk(b"PLTE", palette().tobytes())
+    body = _chunk(b"IHDR", header) + _chunk(
+        b"PLTE", (palette() if colours is None else colours).tobytes()
+    )
     body += _chunk(b"IDAT", zlib.compress(lines.tobytes(), 9)) + _chunk(b"IEND", b"")
     return b"\x89PNG\r\n\x1a\n" + body
 

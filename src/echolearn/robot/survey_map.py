@@ -18,7 +18,6 @@ import numpy as np
 
 from echolearn.checks import BadValue, check, check_name, check_number
 from echolearn.localization.silence import SilentMicrophone
-from echolearn.mapping.accuracy import accuracy_of
 from echolearn.mapping.files import grid, ply, svg, table
 from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.robot.advice import causes
@@ -34,6 +33,7 @@ from echolearn.robot.map_folder import (
 )
 from echolearn.robot.reference import UNCHECKED
 from echolearn.robot.scorer import Scorer, load
+from echolearn.robot.walk_map import mapped_walk
 from echolearn.runtime.progress import track
 from echolearn.storage import manifests
 from echolearn.storage.files import sha256
@@ -227,21 +227,12 @@ def score_survey(scorer: Scorer, walk: Survey, *, resolution: float = 0.05) -> M
                 scored.append(scorer.score(walk.observe(block), poses))
         except BadValue as error:
             raise _blame(error, scorer, walk=walk, block=block) from None
-    return MappedWalk(
-        echoes=_joined([each.echoes for each in scored]),
-        map=_joined([each.map for each in scored]),
-        poses=walk.poses,
-        numbers=walk.numbers,
-        outline=walk.walls,
+    return mapped_walk(
+        walk,
+        _joined([each.echoes for each in scored]),
+        found=_joined([each.map for each in scored]),
+        azimuths=scorer.bundle.localizer.azimuths,
         resolution=resolution,
-        accuracy=accuracy_of(
-            walk.emitted,
-            walk.array,
-            azimuths=scorer.bundle.localizer.azimuths,
-            speed_of_sound=walk.speed_of_sound,
-            heading_bias_sd=walk.heading_bias_sd,
-        ),
-        placed=walk.mapped,
     )
 
 

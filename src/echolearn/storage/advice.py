@@ -30,6 +30,7 @@ PLACES = {
     "export": "bundles",
     "check": "check",
     "map": "maps",
+    "live": "maps",
     "fit": "fit",
     "bench": "bench",
 }

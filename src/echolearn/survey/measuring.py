@@ -66,7 +66,7 @@ Measured = tuple[Levels, Direct, Shape, Echo, Array, float, Array, Array]
 
 def measure_walk(survey: Survey) -> Walk:
     """Return what is measured of every recording of a survey."""
-    return walk_of(survey, [measure(survey, pose) for pose in range(len(survey.poses))])
+    return walk_of(survey, [measure_recording(survey, pose) for pose in range(len(survey.poses))])
 
 
 def walk_of(survey: Survey, rows: Sequence[Measured]) -> Walk:
@@ -89,7 +89,7 @@ def walk_of(survey: Survey, rows: Sequence[Measured]) -> Walk:
     )
 
 
-def measure(survey: Survey, pose: int) -> Measured:
+def measure_recording(survey: Survey, pose: int) -> Measured:
     """Measure one recording."""
     probe = survey.probe
     lags = time_zero.expected(survey.around(pose), probe, speed_of_sound=survey.speed_of_sound)

@@ -17,14 +17,16 @@ WALLS = "x0_m y0_m x1_m y1_m normal_rad offset_m normal_sd_rad offset_sd_m rms_m
 def write(walk: MappedWalk) -> Files:
     """Return both tables; floats in shortest form. Without a map there are no places, no walls."""
     if not walk.placed:
-        rows: list[Sequence[float | str]] = []
-        for number, _, _, *rest in echo_rows(walk):
-            rows.append([number, "", "", *rest])
-        return {"map.csv": csv_bytes(COLUMNS, rows)}
-    return {
-        "map.csv": csv_bytes(COLUMNS, echo_rows(walk)),
-        "walls.csv": csv_bytes(WALLS, wall_rows(walk)),
-    }
+        return {"map.csv": echo_table(walk)}
+    return {"map.csv": echo_table(walk), "walls.csv": csv_bytes(WALLS, wall_rows(walk))}
+
+
+def echo_table(walk: MappedWalk) -> bytes:
+    """Return the text of `map.csv`."""
+    rows: list[Sequence[float | str]] = []
+    for number, x, y, *rest in echo_rows(walk):
+        rows.append([number, x, y, *rest] if walk.placed else [number, "", "", *rest])
+    return csv_bytes(COLUMNS, rows)
 
 
 def echo_rows(walk: MappedWalk) -> Iterable[Sequence[float]]:
