@@ -105,8 +105,12 @@ def check_whole(
     Args:
         name, value, low, high, unit, hint: as those of `check_number`.
     """
+    whole = isinstance(value, int | np.integer)
+    # As 1e5 is read.
+    if is_number(value) and not whole and low <= value <= high and float(value).is_integer():
+        hint = f"type {int(value)}"
     check(
-        is_number(value) and isinstance(value, int | np.integer) and low <= value <= high,
+        is_number(value) and whole and low <= value <= high,
         name,
         f"{value} {unit}".rstrip(),
         allowed=f"must be a whole number from {low} to {high} {unit}".rstrip(),

@@ -165,8 +165,11 @@ MISTAKES = """
 2 | map survey | error: survey: cannot be read; it is no key=value
 2 | map survey=[a | survey=[a: cannot be read; quote it twice: "survey='[a'"$
 2 | map survey='a | cannot be read; are quotes or brackets missing?$
+2 | check survey=my walk | it is no key=value; are quotes around blanks missing?$
+1 | map survey=. | error: survey.yaml: cannot be read (No such file or directory); is this the fo
+1 | generate plan=tiny_scattered plan.rows=1e5 | must be a whole number from 1 to 1000000000; type
 2 | map survey=a,b | several values need -m, or is it one name? Then quote it twice: "survey='a,b'"$
-2 | map ' | cannot be read; it is no key=value$
+2 | map ' | cannot be read; it is no key=value; are quotes around blanks missing?$
 1 | map runs=[a] | error: runs=[a]: must be a path; quote it twice: "runs='[a]'"$
 1 | map bundle={a:1} | error: bundle={a:1}: must be a path
 1 | map name=[a] | error: name=[a]: must be a name

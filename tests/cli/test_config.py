@@ -316,7 +316,7 @@ def test_other_values_are_typed_by_their_default(read, word, value):
 UNREADABLE = """
 map runs=null | runs=null: runs cannot be null
 map resampel=1 | resampel=1: there is no key resampel; did you mean resample?
-map survey | survey: cannot be read; it is no key=value
+map survey | survey: cannot be read; it is no key=value; are quotes around blanks missing?
 map resolution=wide | resolution=wide: must be a number
 map resolution=[1] | resolution=[1]: must be a number
 map ros=1 | ros=1: must be true or false

@@ -25,7 +25,7 @@ from echolearn.cli.names import plan_of_folder
 from echolearn.cli.own import folder, folders, teach_hydra
 from echolearn.cli.searches import is_searched, space_of
 from echolearn.cli.targets import TARGET
-from echolearn.cli.words import NONE_ALLOWED, TEXTS, is_text, plain_config, quoted, split
+from echolearn.cli.words import NO_PAIR, NONE_ALLOWED, TEXTS, is_text, plain_config, quoted, split
 from echolearn.storage.files import one_line
 from echolearn.storage.named import folder_named
 
@@ -114,7 +114,7 @@ def _parse(word: str) -> "Override":
             raise
         hint = quoted(word)
         if not equal:
-            hint = "it is no key=value"
+            hint = NO_PAIR
         elif value[:1] in ("'", '"', "") or ({*value} & {*"[{"} and not text):
             hint = "are quotes or brackets missing?"
         raise UsageError(f"{word}: cannot be read; {hint}") from error

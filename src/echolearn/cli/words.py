@@ -24,6 +24,8 @@ from echolearn.storage.advice import assignment, shell, text_of
 TEXTS = frozenset("name runs survey bundle run best readme page scaling folder card".split())
 """Keys of names and paths, which take text even where their default is null."""
 
+NO_PAIR = "it is no key=value; are quotes around blanks missing?"
+
 NONE_ALLOWED = frozenset({"bundle"})
 """Keys that may be null though their default is a text."""
 
@@ -46,7 +48,7 @@ def plain_config(command: str, words: Sequence[str]) -> Config:
     for word in words:
         key, equal, _ = word.partition("=")
         if not equal:
-            raise UsageError(f"{word}: cannot be read; it is no key=value")
+            raise UsageError(f"{word}: cannot be read; {NO_PAIR}")
         *groups, last = key.split(".")
         place: Any = config
         for group in groups:

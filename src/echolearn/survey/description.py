@@ -107,7 +107,8 @@ def read_description(path: Path) -> dict[str, Any]:
         raise BadValue(f"{path} {error}") from None
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         hint = _about_yaml(path, error)
-        raise BadValue(f"{path}: cannot be read ({one_line(error)}){hint}") from None
+        reason = isinstance(error, OSError) and error.strerror
+        raise BadValue(f"{path}: cannot be read ({reason or one_line(error)}){hint}") from None
 
     for key in ("microphones", "loudspeaker"):
         content[key] = np.array(content[key], dtype=float)
@@ -121,8 +122,10 @@ def _about_yaml(path: Path, error: Exception) -> str:
     if isinstance(error, UnicodeDecodeError):
         return "; save it as UTF-8"
     if isinstance(error, FileNotFoundError):
-        found = [each for each in path.parent.glob("*.y*ml") if each.is_file()]
-        return f"; is it {found[0]}?" if len(found) == 1 else ""
+        # Hidden ones are other programs' settings.
+        found = [each for each in path.parent.glob("[!.]*.y*ml") if each.is_file()]
+        wrong = "; is this the folder of a survey?"
+        return f"; is it {found[0]}?" if len(found) == 1 else wrong
     said = str(error)
     if "'\\t'" in said:
         return "; indent by blanks, not by tabs"
