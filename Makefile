@@ -23,7 +23,7 @@ LATER := sklearn,walls_*,*_ideal,*_cfar,*_invariant,ensemble,mapnet,posenet
 MAPPED := 8x6x5,13x11x5
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper map tiny measured point large readme studies bench architecture test test-release coverage lint clean
+.PHONY: help venv paper map tiny measured point large readme studies bench architecture docs test test-release coverage lint clean
 
 help: ## show this page
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -188,6 +188,19 @@ bench: $(READY) ## time everything beside its peers, and write docs/benchmarks.m
 
 architecture: ## draw the rooms and who imports whom; writes docs/architecture.svg
 	$(PYTHON) docs/draw_architecture.py
+
+# The tools of the site stand apart from .venv, which they can see.
+DOCS := .venv/docs
+$(DOCS)/.ready: requirements-docs.lock $(READY)
+	$(PYTHON) -m venv $(DOCS)
+	$(DOCS)/bin/pip install --quiet --require-hashes --no-deps --requirement requirements-docs.lock
+	$(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))" \
+	  >$$($(DOCS)/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/lab.pth
+	touch $@
+
+docs: $(DOCS)/.ready ## these pages as a site that opens offline, runs/docs/index.html; a broken link is an error
+	PYTHONPATH=src $(DOCS)/bin/sphinx-build --quiet --fail-on-warning --keep-going docs $(RUNS)/docs
+	@echo $(RUNS)/docs/index.html
 
 test: $(READY) ## run the tests but those for a release
 	@$(TESTED) $(BIN)/pytest -q $(SIDE_BY_SIDE)

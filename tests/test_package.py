@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[1]
 def test_everything_that_is_needed_is_locked_with_hashes():
     """An installation of one version and other bytes is refused by pip."""
     entry = r"^[\w.-]+==[\w.]+ \\\n(?:    --hash=sha256:[0-9a-f]{64}(?: \\)?\n)+"
-    for name in ("requirements.lock", "requirements-cuda.lock"):
+    for name in ("requirements.lock", "requirements-cuda.lock", "requirements-docs.lock"):
         text = (ROOT / name).read_text()
         assert not re.sub(rf"{entry}|^# .*\n", "", text, flags=re.M)
-    lock = (ROOT / "requirements.lock").read_text()
+    lock = "".join((ROOT / f"requirements{of}.lock").read_text() for of in ("", "-docs"))
     locked = {name.lower().replace("_", "-") for name in re.findall(r"^([\w.-]+)==", lock, re.M)}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     groups = [project["dependencies"], *project["optional-dependencies"].values()]

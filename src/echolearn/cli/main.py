@@ -48,6 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     nobody reads its output any more.
     """
     secure_streams()
+    # A notebook hands down a backend of its own, which this environment may lack.
+    os.environ["MPLBACKEND"] = "agg"
     words = list(sys.argv[1:] if arguments is None else arguments)
     trace = "--traceback" in words
     try:

@@ -60,7 +60,7 @@ class Scorer:
 
     Attributes:
         bundle: what it was loaded from.
-        compute: function from float32 inputs (B, *shape) to confidences (B,).
+        compute: function from float32 inputs (B, ...) to confidences (B,).
     """
 
     bundle: Bundle
