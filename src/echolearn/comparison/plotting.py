@@ -16,8 +16,8 @@ from matplotlib.axes import Axes
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import EchoMap, Observation
 from echolearn.checks import BadValue
-from echolearn.comparison.reliability_figure import paint
 from echolearn.dataset.labelled_set import Dataset
+from echolearn.evaluation.reliability import curve
 from echolearn.localization.matched_filter import MatchedFilter
 from echolearn.robot.by_name import batched
 from echolearn.robot.scorer import ScoredEchoes
@@ -94,7 +94,9 @@ def _(run: Run, axis: Axes) -> None:
     predictions = predict_rows(run, dataset, held_out=True)
     truth = LearningProblem(dataset, target=run.metrics["target"]).labels()[predictions.rows]
     axis.plot([0, 1], [0, 1], "--", color="0.6", linewidth=1)
-    paint(axis, (truth, predictions.confidence), label=run.metrics["name"])
+    belief, share, deviation = curve(truth, predictions.confidence)
+    # A bar is two standard deviations of the share, if all were as claimed.
+    axis.errorbar(belief, share, yerr=2 * deviation, fmt="o", label=run.metrics["name"])
     axis.set(xlabel="mean confidence", ylabel="share that is true", aspect="equal")
     axis.legend()
 
