@@ -124,8 +124,8 @@ def _about_yaml(path: Path, error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         # Hidden ones are other programs' settings.
         found = [each for each in path.parent.glob("[!.]*.y*ml") if each.is_file()]
-        wrong = "; is this the folder of a survey?"
-        return f"; is it {found[0]}?" if len(found) == 1 else wrong
+        folder = "; is this the folder of a survey?"
+        return f"; is it {found[0]}?" if len(found) == 1 else folder
     said = str(error)
     if "'\\t'" in said:
         return "; indent by blanks, not by tabs"
