@@ -84,9 +84,6 @@ def survey(
     check_whole("seed", seed, low=0)
     levels.check_scene(scene)
     seconds = noise_length(scene, noise_seconds)
-    most = audio.longest(len(scene.array))
-    hint = f"of {len(scene.array)} microphones, a file has at most {audio.LARGEST >> 20} MiB"
-    check_whole("scene.probe.length", scene.probe.length, low=1, high=most, hint=hint)
     walk = _walk(room, scene, poses=poses, start=start)
     origin = {"room": room, "scene": scene, "walk": walk, "seed": seed} | _given(levels)
     alone = {"noise_seconds": seconds} if seconds else {}
@@ -101,7 +98,14 @@ def survey(
 
 
 def _walk(room: AnyRoom, scene: Scene, *, poses: int, start: float) -> list[Pose]:
-    """Return the poses, and refuse those outside before the long work begins."""
+    """Return the poses, and refuse those outside before the long work begins.
+
+    Raises:
+        BadValue: recordings that nobody could read, too, since they are too long.
+    """
+    most = audio.longest(len(scene.array))
+    hint = f"of {len(scene.array)} microphones, a file has at most {audio.LARGEST >> 20} MiB"
+    check_whole("scene.probe.length", scene.probe.length, low=1, high=most, hint=hint)
     check_whole("poses", poses, low=2, high=MOST, hint="longer walks are several surveys")
     walk = trajectory(room, poses=poses, start=start)
     for pose in walk:
