@@ -78,7 +78,3 @@ for (const frame of document.querySelectorAll(".wide")) {
   if (table.tBodies[0].rows.length > 8) filterable(frame, table);
 }
 document.querySelectorAll(".pair").forEach(slide);
-// What is folded is printed as well.
-addEventListener("beforeprint", () => {
-  document.querySelectorAll("details").forEach((each) => (each.open = true));
-});
