@@ -14,6 +14,9 @@ from scipy import fft
 from echolearn.acoustics.types import Array, Probe
 from echolearn.checks import check, check_finite, check_whole, real_array
 
+AT_ONCE = 2**14
+"""Samples of spectra that are convolved together."""
+
 STFT_FRAME = 882
 """Samples per STFT frame as printed in the paper (40 ms at 22.05 kHz; the text says 20 ms); hop is
 half of it."""
@@ -108,13 +111,14 @@ def convolve(samples: Array, response: Array, *, length: int, skip: int = 0) -> 
     flat = result.reshape(-1, length)
     kept = min(size - skip, length)
     responses = response.reshape(-1, response.shape[-1])
-    # Two at a time share the processor's vectors, and stay in its cache.
-    for first in range(0, len(flat), 2):
-        pair = slice(first, first + 2)
-        spectra = fft.rfft(responses[pair], size)
+    # Two at a time share the processor's vectors; more, if short, still stay in its cache.
+    together = max(2, AT_ONCE // size)
+    for first in range(0, len(flat), together):
+        some = slice(first, first + together)
+        spectra = fft.rfft(responses[some], size)
         np.multiply(burst, spectra, out=spectra)
         whole = fft.irfft(spectra, size, overwrite_x=True)
-        flat[pair, :kept] = whole[:, skip : skip + kept]
+        flat[some, :kept] = whole[:, skip : skip + kept]
     flat[:, kept:] = 0.0
     return result
 

@@ -4,7 +4,7 @@ An arrival is g phi(n - t), with the phi of `image_loops`, read from a table. Of
 fewer high frequencies, and a rough wall makes it a cluster (`kernels`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -38,7 +38,7 @@ class SoundPaths:
 
     def scaled(self, factor: Array) -> "SoundPaths":
         """Return the same with gains multiplied by factors that broadcast to (P, M)."""
-        return replace(self, gain=self.gain * factor)
+        return SoundPaths(self.delay, self.gain * factor, self.highs, self.clusters)
 
     def beside(self, other: "SoundPaths") -> "SoundPaths":
         """Return these and others together."""

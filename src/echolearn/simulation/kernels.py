@@ -55,6 +55,7 @@ def low_band(frequencies: Array) -> Array:
     return np.exp2(-((frequencies / CROSSOVER) ** 2))
 
 
+@lru_cache
 def low_pass(sample_rate: float) -> Array:
     """Return the taps of G, odd in number and symmetric, of sum 1."""
     # The transform of a Gaussian is one; cut where it is below 1e-4 of its middle.

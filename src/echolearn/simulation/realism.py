@@ -15,6 +15,7 @@ does that finds its largest peak; `latency_samples` is what such a calibration l
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -123,6 +124,12 @@ class Realism:
         """Whether nothing is drawn."""
         return self.loudspeaker is None and all(getattr(self, name) == NONE for name in BOUNDS)
 
+    @cached_property
+    def _limits(self) -> tuple[Array, Array]:
+        """Lower end and width of each range, in the order of `BOUNDS`."""
+        low, high = np.array([getattr(self, name) for name in BOUNDS]).T
+        return low, high - low
+
     def check_scene(self, scene: Scene) -> None:
         """Raise `BadValue` where noise is not white, or a response has another rate."""
         fits = self.coloured == NONE or isinstance(scene.noise, White)
@@ -151,8 +158,10 @@ class Realism:
         # The robot has three of the five parts, walls and clutter are those of a place.
         numbers, _, _, microphones, loudspeaker = robot.spawn(5) if robot else here
         _, walls, clutter, _, _ = here
-        low, high = np.array([getattr(self, name) for name in BOUNDS]).T
-        drawn = dict(zip(BOUNDS, numbers.uniform(low, high).tolist(), strict=True))
+        low, width = self._limits
+        # As `uniform` draws them, without its checks of seventeen ranges for every row.
+        values = low + width * numbers.random(len(low))
+        drawn = dict(zip(BOUNDS, values.tolist(), strict=True))
         rate = scene.probe.sample_rate
         facing = loudspeaker.uniform(0.0, 2.0 * np.pi)
         count = round(drawn["scatterers"])
@@ -192,7 +201,7 @@ def _microphones(
         rng: draws them.
     """
     # Made with room to die away, then cut: the rest is 60 dB weaker.
-    frequencies = np.linspace(0.0, sample_rate / 2, 2 * MICROPHONE_TAPS + 1)
+    frequencies = _frequencies(sample_rate, 2 * MICROPHONE_TAPS)
     level = ripple(frequencies, drawn["microphone_ripple_db"], count=count, rng=rng)
     gain = 10.0 ** (drawn["microphone_db"] * rng.standard_normal((count, 1)) / 20.0)
     return gain * minimum_phase(level)[:, :MICROPHONE_TAPS]
@@ -202,11 +211,17 @@ def _loudspeaker(
     drawn: Mapping[str, float], *, sample_rate: float, rng: np.random.Generator
 ) -> Array:
     """Draw the response of a loudspeaker, of energy 1, shape (LOUDSPEAKER_TAPS,)."""
-    frequencies = np.linspace(0.0, sample_rate / 2, LOUDSPEAKER_TAPS + 1)
+    frequencies = _frequencies(sample_rate, LOUDSPEAKER_TAPS)
     level = ripple(frequencies, drawn["loudspeaker_ripple_db"], count=1, rng=rng)[0]
     level += band_db(frequencies, low=drawn["loudspeaker_low"], high=drawn["loudspeaker_high"])
     response = minimum_phase(level)
     return response / np.linalg.norm(response)
+
+
+@lru_cache
+def _frequencies(sample_rate: float, count: int) -> Array:
+    """Return frequencies from 0 to half the sample rate, evenly spaced, shape (count + 1,)."""
+    return np.linspace(0.0, sample_rate / 2, count + 1)
 
 
 def _measured(response: Array) -> Array:
