@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
 from children import begin, kill_when
 from echolearn.checks import BadValue
@@ -212,7 +213,23 @@ class TestRun:
         # An experiment in one run would hide the hyperparameters of the others.
         said = {tag for tag in events.summary_metadata if tag.startswith("_hparams_")}
         assert said == {f"_hparams_/session_{part}_info" for part in ("start", "end")}
-        assert "test/reliability" in events.Tags()["images"]
+        assert {"test/reliability", "test/precision_recall"} <= {*events.Tags()["images"]}
+        # By name, the first five are shown.
+        told = events.summary_metadata["_hparams_/session_start_info"].plugin_data.content
+        names = sorted(HParamsPluginData.FromString(told).session_start_info.hparams)
+        assert names[:3] == ["1 plan", "2 seed", "3 classifier"]
+
+    def test_a_network_tells_each_epoch_and_ends_at_its_best(self, calm):
+        events = EventAccumulator(str(calm))
+        events.Reload()
+        losses = [each.value for each in events.Scalars("val/loss")]
+        for tag in ("val/auc", "val/balanced_accuracy"):
+            curve = [(each.step, each.value) for each in events.Scalars(tag)]
+            assert [step for step, _ in curve] == list(range(len(losses) + 1))
+            assert all(0 <= value <= 1 for _, value in curve)
+        best = events.Scalars("val/auc")[int(np.argmin(losses))].value
+        assert events.Scalars("val/auc")[-1].value == pytest.approx(best, abs=1e-6)
+        assert {each.value for each in events.Scalars("train/lr")} == {np.float32(NETWORK["lr"])}
 
     def test_cross_validation_and_grid_search_are_recorded_and_one_line_said(
         self, toy, tmp_path, capfd

@@ -15,7 +15,6 @@ from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
 from echolearn.acoustics.types import Array
-from echolearn.evaluation.metrics import reliability_curve
 from echolearn.storage.files import unwritable
 
 
@@ -27,8 +26,10 @@ def write_events(
     reference: Array,
     confidence: Array,
     curves: Mapping[str, Sequence[float]],
+    figures: Mapping[str, Figure | None],
+    last: int = 0,
 ) -> None:
-    """Write hyperparameters, figures, and the test part's precision-recall and reliability curves.
+    """Write hyperparameters, metrics, curves and drawings of a run.
 
     Args:
         folder: folder of the run; events already there (a network's losses) stay.
@@ -36,7 +37,9 @@ def write_events(
         result: metrics of the run.
         reference: labels of the test part, shape (B,).
         confidence: confidences of the test part, shape (B,).
-        curves: figures by step that fitting has left, by tag.
+        curves: numbers by step that fitting has left, by tag.
+        figures: drawings by tag; those that are None are left out.
+        last: step at which the metrics stand, after those of a network's epochs.
     """
     scalars = {}
     for tag, part in (("val", "validation"), ("test", "test")):
@@ -44,40 +47,25 @@ def write_events(
             # A metric without a value, such as the precision where nothing is kept, has no dot.
             if value is not None:
                 scalars[f"{tag}/{name}"] = value
-    # Its columns stand in this order: first what one looks for first.
+    # Columns are sorted by their names, and the first five are shown: digits come before letters.
     problem = dict(identity["problem"])
-    first = {key: problem.pop(key) for key in ("plan", "seed")}
-    settings = {"classifier": identity["name"], "argument": identity["classifier"]}
+    first = {"1 plan": problem.pop("plan"), "2 seed": problem.pop("seed")}
+    settings = {"3 classifier": identity["name"], "argument": identity["classifier"]}
     parameters = flat(first | settings | problem)
     with SummaryWriter(log_dir=str(folder)) as writer:
+        # A network's curves end in what its best epoch, whose weights were put back, is worth.
         for tag, value in scalars.items():
-            writer.add_scalar(tag, value)
+            writer.add_scalar(tag, value, last)
         writer.add_pr_curve("test/pr", reference, confidence)
         for tag, values in curves.items():
             for step, value in enumerate(values):
                 writer.add_scalar(tag, value, step)
-        writer.add_figure(
-            "test/reliability", reliability_diagram(reference, confidence), close=False
-        )
+        for tag, figure in figures.items():
+            if figure is not None:
+                writer.add_figure(tag, figure, close=False)
         _, *session = hparams(parameters, dict(scalars))
         for summary in session:
             writer.file_writer.add_summary(summary)
-
-
-def reliability_diagram(reference: Array, confidence: Array) -> Figure:
-    """Draw what share of the echoes of about one confidence are true.
-
-    Args:
-        reference: labels, shape (B,).
-        confidence: confidences, shape (B,).
-    """
-    figure = Figure(figsize=(3.2, 3.2), dpi=100, layout="constrained")
-    axes = figure.subplots()
-    axes.plot([0, 1], [0, 1], color="#bbbbbb", label="as it should be")
-    axes.plot(*reliability_curve(reference, confidence), "o-", label="test part")
-    axes.set(xlabel="mean confidence", ylabel="share that is true", xlim=(0, 1), ylim=(0, 1))
-    axes.legend(frameon=False)
-    return figure
 
 
 def flat(parameters: Mapping[str, Any], before: str = "") -> dict[str, Any]:

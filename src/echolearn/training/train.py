@@ -48,7 +48,7 @@ from echolearn.training.fitting import (
     fit_calibrated,
 )
 from echolearn.training.runs import FORMAT
-from echolearn.training.split import LearningProblem
+from echolearn.training.split import LearningProblem, Parts
 
 CONFIG = "config.json"
 MODEL = "model.onnx"
@@ -241,7 +241,7 @@ def make_run(
         "test": evaluate_rows(fitted, problem, rows=parts.test),
     }
     # TensorBoard and the times come before the metrics, whose presence says that all is there.
-    _show(fitted, problem, rows=parts.test, folder=folder, result=result, identity=identity)
+    _show(fitted, problem, parts=parts, folder=folder, result=result, identity=identity)
     total = time.monotonic() - began
     files.save_json(folder / "timing.json", {"fit": round(fitting, 3), "total": round(total, 3)})
     _report(result, total)
@@ -252,7 +252,7 @@ def _show(
     fitted: Calibrated,
     problem: LearningProblem,
     *,
-    rows: Array,
+    parts: Parts,
     folder: Path,
     result: Metrics,
     identity: Mapping[str, Any],
@@ -262,21 +262,32 @@ def _show(
     Args:
         fitted: classifier with its calibration.
         problem: what it has learned.
-        rows: test rows of the problem's set, shape (B,).
+        parts: rows of the problem's set.
         folder: of the run.
         result: its metrics.
         identity: what it is made from.
     """
+    from echolearn.training import dashboard_figures
     from echolearn.training.tensorboard import write_events
 
-    x = problem.inputs(fitted.classifier.inputs).part(rows)
+    x = problem.inputs(fitted.classifier.inputs)
+    reference = problem.labels()[parts.test]
+    confidence = fitted.confidence(x.part(parts.test))
+    validated = fitted.confidence(x.part(parts.validation))
+    placed: Any = {"confidence": validated, "cut": fitted.threshold}
     write_events(
         folder,
         identity=identity,
         result=result,
-        reference=problem.labels()[rows],
-        confidence=fitted.confidence(x),
+        reference=reference,
+        confidence=confidence,
         curves=getattr(fitted.classifier, "curves", {}),
+        last=getattr(fitted.classifier, "epochs_seen", 0),
+        figures={
+            "test/reliability": dashboard_figures.reliability_diagram(reference, confidence),
+            "test/precision_recall": dashboard_figures.precision_recall(reference, confidence),
+            "val/map": dashboard_figures.filtered_map(problem.dataset, parts.validation, **placed),
+        },
     )
 
 

@@ -30,7 +30,7 @@ from lightning.pytorch.callbacks import EarlyStopping
 from lightning.pytorch.core.optimizer import LightningOptimizer
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from safetensors.torch import load, save
-from sklearn.metrics import roc_auc_score
+from sklearn.metrics import roc_auc_score, roc_curve
 from torch import nn
 
 from echolearn.acoustics.types import Array
@@ -84,6 +84,7 @@ class Network:
         accelerator: what trains: "cpu", "auto" (the fastest there is), "gpu" or "mps".
         monitor: validation figure that says which epoch is best, "loss" or "auc".
         device: torch's name of what has trained, after `fit`: cpu, cuda, mps.
+        epochs_seen: number of epochs after which `fit` has stopped.
     """
 
     inputs: tuple[str, ...]
@@ -97,6 +98,7 @@ class Network:
     accelerator: str = "cpu"
     monitor: str = "loss"
     device: str = field(init=False, repr=False)
+    epochs_seen: int = field(init=False, repr=False)
     fitted: nn.Module = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -147,6 +149,7 @@ class Network:
             trainer = self.trainer(examples.folder)
             trainer.fit(training, WholeEpoch(batches), WholeEpoch(held))
         self.device = trainer.strategy.root_device.type
+        self.epochs_seen = trainer.current_epoch
 
         # The last epochs are those that did no better: the best one's weights are put back.
         training.net.cpu().load_state_dict(load(best.read_bytes()))
@@ -246,13 +249,19 @@ class Training(LightningModule):
             logits.append(self.net(x.to(self.device)))
             loss: torch.Tensor = self.loss(logits[-1], y.to(self.device))
             total += loss * len(y)
-        figures = {"loss": float(total / batches.rows)}
-        if self.settings.monitor == "auc":
-            # What has diverged orders nothing.
-            order = torch.nan_to_num(torch.cat(logits)).cpu().numpy()
-            figures["auc"] = float(roc_auc_score(batches.y.numpy(), order))
+        # What has diverged orders nothing.
+        order = torch.nan_to_num(torch.cat(logits)).cpu().numpy()
+        reference = batches.y.numpy()
+        spurious, retained, _ = roc_curve(reference, order)
+        figures = {
+            "loss": float(total / batches.rows),
+            "auc": float(roc_auc_score(reference, order)),
+            # At the cut that is best at this epoch: the run's own is chosen when all are done.
+            "balanced_accuracy": float((retained + 1 - spurious).max() / 2),
+            "lr": float(self.trainer.optimizers[0].param_groups[0]["lr"]),
+        }
         for name, figure in figures.items():
-            self.log(f"val/{name}", figure, batch_size=1)
+            self.log("train/lr" if name == "lr" else f"val/{name}", figure, batch_size=1)
 
         found = figures[self.settings.monitor]
         better = found < self.reached if self.settings.monitor == "loss" else found > self.reached
