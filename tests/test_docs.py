@@ -115,7 +115,7 @@ def source(path, name):
 
 def test_the_page_follows_the_commands_that_make_something():
     assert set(PATHS) == {
-        *"generate train compare survey import export check map fit".split(),
+        *"generate train compare survey import export check map live fit".split(),
         "localize",
     }
 
