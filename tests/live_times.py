@@ -105,7 +105,7 @@ def mapped(walk: Path, place: Path, poses: int, localizer: Any) -> dict[str, Any
     )
     times = []
     early = 0.0
-    with Viewers(Viewing(page=0), session.map, folder=place) as viewers:
+    with Viewers(Viewing(port=0), session.map, folder=place) as viewers:
         begun = time.process_time()
         while len(times) < poses:
             for new in session.step():

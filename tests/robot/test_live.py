@@ -15,6 +15,8 @@ import pytest
 
 from echolearn.acoustics.types import Echoes, EchoMap, Pose
 from echolearn.checks import BadValue
+from echolearn.cli.compose import compose
+from echolearn.cli.words import plain_config
 from echolearn.mapping.files.grid import occupancy, shades
 from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.robot.live import following, live_map
@@ -114,7 +116,7 @@ def test_what_stays_broken_is_left_out_in_a_line(started, mapping, monkeypatch, 
 def test_it_goes_on_after_a_kill_and_ends_as_map_does(started, bundle, tmp_path):
     """A process of its own is killed; half a row is left, and half a pose recorded meanwhile."""
     runs = tmp_path / "runs"
-    words = ["live", f"survey={started}", f"runs={runs}", "page=null"]
+    words = ["live", f"survey={started}", f"runs={runs}", "port=null"]
     child = subprocess.Popen([sys.executable, "-m", "echolearn", *words], cwd=tmp_path)
     live = runs / "live" / "walk-point"
     record(started, poses=range(8))
@@ -141,6 +143,15 @@ def test_it_goes_on_after_a_kill_and_ends_as_map_does(started, bundle, tmp_path)
     )
     assert np.abs(shown[:, 8] - written[:, 8]).max() < 0.02
     assert np.allclose(np.delete(shown, 8, 1), np.delete(written, 8, 1), rtol=1e-4, atol=1e-6)
+
+
+def test_a_robot_without_hydra_types_its_keys_alike():
+    config = plain_config("live", ["survey=walk", "port=0", "dds=0", "until=5", "lines=true"])
+    assert [config[key] for key in ("port", "dds", "until", "lines")] == [0, 0, 5, True]
+    assert plain_config("live", ["port=null"])["port"] is None
+    [(_, other)] = compose("live", ["survey=walk", "port=0", "dds=0", "until=5", "lines=true"])
+    names = ("port", "dds", "until", "lines", "host", "foxglove", "mcap", "localizer")
+    assert {key: config[key] for key in names} == {key: other[key] for key in names}
 
 
 def test_rows_of_something_else_are_thrown_away(started, bundle, tmp_path, capsys):

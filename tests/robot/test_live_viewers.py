@@ -53,7 +53,7 @@ def asked(address, path, **headers):
 
 
 def test_the_page_tells_what_is_known_and_nothing_else(live, tmp_path, capsys):
-    with Viewers(Viewing(page=0), live, folder=tmp_path):
+    with Viewers(Viewing(port=0), live, folder=tmp_path):
         address = capsys.readouterr().out.removeprefix("page: ").strip()
         status, text = asked(address, "/state.json")
         about = json.loads(text)
@@ -79,8 +79,8 @@ def test_the_page_tells_what_is_known_and_nothing_else(live, tmp_path, capsys):
 def test_a_port_that_is_taken_is_told(live, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
-        with pytest.raises(BadValue, match=f"^page={port} at 127.0.0.1: .*page=0 takes"):
-            Viewers(Viewing(page=port), live, folder=tmp_path)
+        with pytest.raises(BadValue, match=f"^port={port} at 127.0.0.1: .*port=0 takes"):
+            Viewers(Viewing(port=port), live, folder=tmp_path)
 
 
 def test_viewers_that_are_not_installed_are_told(live, tmp_path, monkeypatch):
@@ -179,7 +179,7 @@ def test_ros_is_spoken_to_another_process(live, tmp_path):
     assert heard["cells"].count(100) == 5 and len(heard["cells"]) == width * height
 
 
-@pytest.mark.parametrize("wrong", [{"page": 65536}, {"foxglove": -1}, {"dds": 233}, {"mcap": 1}])
+@pytest.mark.parametrize("wrong", [{"port": 65536}, {"foxglove": -1}, {"dds": 233}, {"mcap": 1}])
 def test_viewers_that_cannot_be_are_refused(wrong):
     [key] = wrong
     with pytest.raises(BadValue, match=f"^{key}="):

@@ -26,7 +26,7 @@ from echolearn.cli.keys import (
 )
 from echolearn.cli.tuning import tune_classifier
 
-SHOWN = ("host=", "page=", "foxglove=", "mcap=", "dds=", "until=", "lines=")
+SHOWN = ("host=", "port=", "foxglove=", "mcap=", "dds=", "until=", "lines=")
 """Words of `live` that make no other map."""
 
 if TYPE_CHECKING:
@@ -244,7 +244,7 @@ def _live(config: "Config") -> Path:
         survey=recorded_survey(config),
         bundle=find_bundle(needed(config, "bundle", allowed=ALLOWED), Path(config["runs"])),
         runs=Path(config["runs"]),
-        viewing=Viewing(**built(config, "host page foxglove mcap dds")),
+        viewing=Viewing(**built(config, "host port foxglove mcap dds")),
         # What is written is what `map` writes, so that is what makes it again.
         command=leave_out(SHOWN, config["command"]).replace("echolearn live", "echolearn map", 1),
         **built(config, "name until lines resolution resample direct played"),

@@ -1,7 +1,7 @@
 """Words of a command line, typed by the key they set: never by guessing what they look like.
 
     default of the key     what was typed is read as
-    text, or null          the same text; null is none where the default is null, or `bundle`'s
+    text, or null          the same text; null is none where the default is, or `NONE_ALLOWED`
     true or false          true or false
     a number               a number, whole where the default is whole
 
@@ -26,8 +26,8 @@ TEXTS = frozenset("name runs survey bundle run best readme page scaling folder c
 
 NO_PAIR = "it is no key=value; are quotes around blanks missing?"
 
-NONE_ALLOWED = frozenset({"bundle"})
-"""Keys that may be null though their default is a text."""
+NONE_ALLOWED = frozenset({"bundle", "port"})
+"""Keys that may be null though their default is a text or a number."""
 
 
 def plain_config(command: str, words: Sequence[str]) -> Config:

@@ -51,7 +51,7 @@ class Page:
             self._server = ThreadingHTTPServer((host, port), _handler(live, host))
         except (OSError, OverflowError) as error:
             reason = one_line(error)
-            raise BadValue(f"page={port} at {host}: {reason}; page=0 takes a free port") from None
+            raise BadValue(f"port={port} at {host}: {reason}; port=0 takes a free one") from None
         self._server.daemon_threads = True
         self.address = f"http://{host}:{self._server.server_port}/"
         print(f"page: {self.address}", flush=True)

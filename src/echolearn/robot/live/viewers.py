@@ -30,7 +30,7 @@ class Viewing:
 
     Attributes:
         host: address that all are bound to; 127.0.0.1 is this machine alone.
-        page: port of the local page, 0 takes any that is free; None shows none.
+        port: port of the local page, 0 takes any that is free; None shows none.
         foxglove: port of Foxglove's WebSocket server; None starts none.
         mcap: whether the live map is recorded as MCAP.
         dds: number of the DDS domain that is published to, 0 is ROS 2's own; None publishes
@@ -38,14 +38,14 @@ class Viewing:
     """
 
     host: str = LOCAL
-    page: int | None = None
+    port: int | None = None
     foxglove: int | None = None
     mcap: bool = False
     dds: int | None = None
 
     def __post_init__(self) -> None:
         check_text("host", self.host)
-        for name in ("page", "foxglove"):
+        for name in ("port", "foxglove"):
             if getattr(self, name) is not None:
                 check_whole(name, getattr(self, name), low=0, high=65535)
         if self.dds is not None:
@@ -78,9 +78,9 @@ class Viewers:
         self._all: list[Any] = []
         self.odometry: Callable[[], Pose | None] | None = None
         try:
-            if viewing.page is not None:
+            if viewing.port is not None:
                 page = import_module("echolearn.robot.live.page")
-                self._all.append(page.Page(live, host=viewing.host, port=viewing.page))
+                self._all.append(page.Page(live, host=viewing.host, port=viewing.port))
             if viewing.foxglove is not None or viewing.mcap:
                 shown = _needed("foxglove_viewer", "foxglove", key="foxglove or mcap")
                 recorded = folder if viewing.mcap else None
