@@ -26,6 +26,9 @@ TEXTS = frozenset("name runs survey bundle run best readme page scaling folder c
 
 NO_PAIR = "it is no key=value; are quotes around blanks missing?"
 
+NUMBERS = frozenset({"dds", "foxglove", "until"})
+"""Keys that take a number though their default is null."""
+
 NONE_ALLOWED = frozenset({"bundle", "port"})
 """Keys that may be null though their default is a text or a number."""
 
@@ -75,7 +78,7 @@ def read_value(word: str, default: Any) -> Any:
         if value.lower() not in ("true", "false"):
             raise UsageError(f"{word}: must be true or false")
         return value.lower() == "true"
-    if isinstance(default, int | float):
+    if isinstance(default, int | float) or key in NUMBERS:
         with suppress(ValueError):
             return int(value)
         with suppress(ValueError):
