@@ -8,6 +8,8 @@ extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme = "furo"
 html_title = "echolearn"
 html_show_sphinx = False
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
 exclude_patterns = ["**/.ipynb_checkpoints"]
 
 # Notebooks are shown as they were executed; a test executes them.
