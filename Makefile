@@ -23,7 +23,7 @@ LATER := sklearn,walls_*,*_ideal,*_cfar,*_invariant,ensemble,mapnet,posenet
 MAPPED := 8x6x5,13x11x5
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper map tiny measured point large readme studies bench architecture docs test test-release coverage lint clean
+.PHONY: help venv paper map tiny measured point large walk readme studies bench architecture docs test test-release coverage lint clean
 
 help: ## show this page
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -157,6 +157,30 @@ large: $(READY) ## filters on 50 000 rows, three seeds, all classifiers, measure
 	$(RUN) compare runs=$(LARGE)/measured name=measured workers=$(JOBS) tested=[varied] 'surveys=[$(OCTAHEDRON)]' \
 	  $(ONE_LOCALIZER) readme=docs/filters_measured.md
 	@echo "make large: $$((($$(date +%s) - $$(cat $(LARGE)/began)) / 60)) min for ROWS=$(ROWS) SEEDS=$(SEEDS)"
+
+# Judges of walls. From 200 walks in boxes by default; what it is meant for is WALKS=1500 ROOMS=box,l_shape,five_corners,door,pillars
+# TESTED_WALKS=100. Each test set is one SNR (dB) and one odometry error (cm) in a room that nobody trained on; cells of one room
+# repeat the same walks.
+WALKS ?= 200
+ROOMS ?= box
+TESTED_WALKS ?= 20
+WALKED ?= 8x6x5
+WALK_DB ?= -10 -15 -20
+WALK_CM ?= 0 1 3
+WALK = $(RUNS)/walk
+WALKING = plan=walks plan.rows=$(WALKS) 'plan.rooms=[$(ROOMS)]'
+WALK_CELLS = $(foreach room,$(WALKED),$(foreach db,$(WALK_DB),$(foreach cm,$(WALK_CM),walks_$(room)_$(db)dB_$(cm)cm)))
+# One cell: -- and its words.
+CELL = -- +room@plan.room=$(1) plan.name=walks_$(1)_$(2)dB_$(3)cm plan.snr_db=[$(2),$(2)] plan.odometry_error=[0.0$(3),0.0$(3)]
+
+walk: $(READY) ## which walls a whole walk should believe: walks, judges, comparison; writes docs/walls.md; the large one is WALKS=1500
+	@mkdir -p $(WALK) && date +%s >$(WALK)/began
+	$(RUN) generate runs=$(WALK) $(WALKING)
+	$(RUN) generate -m runs=$(WALK) plan=walks plan.seed=21 plan.role=test plan.rows=$(TESTED_WALKS) 'plan.paths=[wandering]' 'plan.odometry=[white]' \
+	  $(foreach room,$(WALKED),$(foreach db,$(WALK_DB),$(foreach cm,$(WALK_CM),$(call CELL,$(room),$(db),$(cm)))))
+	$(RUN) train -m runs=$(WALK) $(WALKING) target=is_wall aim='precision 0.97' 'classifier=glob(walls_*)'
+	$(RUN) compare runs=$(WALK) name=walks 'walks=[$(subst $(empty) ,$(comma),$(strip $(WALK_CELLS)))]' readme=docs/walls.md
+	@echo "make walk: $$((($$(date +%s) - $$(cat $(WALK)/began)) / 60)) min for WALKS=$(WALKS) ROOMS=$(ROOMS) TESTED_WALKS=$(TESTED_WALKS)"
 
 readme: $(READY) ## run everything from nothing, in runs/fresh, and write the times and results into README.md
 	rm -rf runs/fresh

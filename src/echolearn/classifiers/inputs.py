@@ -62,6 +62,9 @@ LARGEST_WALK = 128
 def view_of(inputs: Sequence[str]) -> str:
     """Return the view of `inputs`: columns, or the kind of a tensor."""
     name = inputs[0] if inputs else ""
+    if name == STRIPS:
+        # No tensor of an echo, so no bundle of a filter may name it.
+        return STRIPS
     return TENSOR_VIEWS.get(name, COVARIANCE if name.startswith(COVARIANCE) else FEATURES)
 
 

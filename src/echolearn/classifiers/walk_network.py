@@ -4,21 +4,26 @@ The tensor is `strips` (`dataset.hypothesis_records`): what each of N poses hear
 hypothesis, J over lags and directions, and a mark of the walk it is of.
 
     h_p = convolutions over the lags of pose p, then over neighbouring poses    a bright line?
-    t   = (sum_p a_p h_p, sum_p h_p / sqrt(N), max_p h_p),  a = softmax(w . h)  poses that hear it
+    e_w = sum_p (max_|l|<=w J_p(l) - m_w) / sqrt(N)                             evidence
+    t   = (e, sum_p a_p h_p, sum_p h_p / sqrt(N), max_p h_p),  a = softmax(w . h)
     t_k = t_k + sum_l softmax_l(q_k . k_l / sqrt(d)) v_l,   l of the walk of k  its rivals
     logit_k = rho(t_k)
 
 - *A pose's lags are shifted by its error*, so what looks at them must not mind where the line is:
   convolutions, in which directions are channels.
+- *Evidence* is handed on beside them, as thresholds and trees have it (`walls.evidence`): it takes
+  many walks to learn a sum that is known.
 - *Neighbouring poses err alike* where odometry drifts, and a wall goes on from one to the next.
 - *Any number of poses*: of those that have the hypothesis in their window; a pose that has not is
-  all zeros and weighs nothing. The sum over sqrt(N) is what evidence is (`walls.evidence`).
+  all zeros and weighs nothing.
 - *Hypotheses attend to those of their own walk* (Vaswani et al., NeurIPS 2017, without places,
   since they have no order): a walk's noise, its reverberation and its odometry are shared, one
   wall leaves several hypotheses, and the strongest tell what a wall sounds like here. Where they
   lie is not told: that would be the leak of `walls.strips`.
 
-Rows of other walks in a batch change nothing, whatever their number.
+Rows of other walks in a batch change nothing, whatever their number. In training, a part of the
+poses is left out anew each time, and directions are turned round: a walk of fewer poses, and the
+mirror image of a walk, are walks as well.
 """
 
 from dataclasses import dataclass
@@ -36,11 +41,15 @@ RANGES = {
     "heads": (1, 4),
     "rounds": (0, 4),
     "dropout": (0.0, 0.95),
+    "left_out": (0.0, 0.95),
 }
 """Least and largest value of each setting that is a number."""
 
 LOUDEST = 16.0
 """J beyond which all is as loud; the matched filters of a pose rarely reach 12."""
+
+WIDTHS = {0: 0.0, 2: 0.9, 6: 1.5, 12: 1.9}
+"""Lags within which evidence looks for an echo, and what noise has there, to begin with."""
 
 NOWHERE = -1e9
 """Score of what must not weigh: far below any other."""
@@ -56,13 +65,15 @@ class WalkNet:
         heads: ways in which hypotheses attend to each other at once; they share `width`.
         rounds: how often they attend; 0 looks at each hypothesis by itself.
         dropout: share of hidden units silenced in training.
+        left_out: share of the poses left out in training, at most.
     """
 
-    channels: int = 12
-    width: int = 48
+    channels: int = 8
+    width: int = 32
     heads: int = 4
     rounds: int = 2
-    dropout: float = 0.1
+    dropout: float = 0.2
+    left_out: float = 0.5
 
     def __post_init__(self) -> None:
         check_fields("net", self, ranges=RANGES)
@@ -85,6 +96,8 @@ class Judging(nn.Module):
 
     def __init__(self, net: WalkNet) -> None:
         super().__init__()
+        self.left_out = net.left_out
+        self.evidence = PoseSums()
         self.poses = PoseEncoder(net)
         self.pooled = PosePooling(net)
         self.rounds = nn.ModuleList(AmongWalk(net) for _ in range(net.rounds))
@@ -97,8 +110,9 @@ class Judging(nn.Module):
         if self.training:
             # Poses that see nothing of any of these stand last: they need not be computed.
             last = int(seen.amax(dim=(0, 2)).nonzero().max()) + 1 if bool(seen.any()) else 1
-            strip, seen = strip[:, :last], seen[:, :last]
-        found = self.pooled(self.poses(strip, seen), seen)
+            strip, seen = self._varied(strip[:, :last], seen[:, :last])
+        evidence = self.evidence(strip, seen)
+        found = self.pooled(self.poses(strip, seen), seen, evidence=evidence)
 
         # The walk's number is written into the first two poses; where it changes, a walk ends.
         mark = x[:, :2, 0]
@@ -109,6 +123,40 @@ class Judging(nn.Module):
             found = attend(found, same)
         logit: torch.Tensor = self.head(found)
         return logit
+
+    def _varied(self, strip: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return strips and what is seen of them, as another walk might have had them."""
+        share = self.left_out * torch.rand(len(strip), 1, 1)
+        kept = (torch.rand(seen.shape) >= share).to(seen)
+        sides = strip.reshape(*strip.shape[:2], STRIP_LAGS, STRIP_DIRECTIONS)
+        turned = (torch.rand(len(strip), 1, 1) < 0.5).to(strip.device)
+        strip = torch.where(turned, sides.flip(3).flatten(2), strip)
+        return strip * kept, seen * kept
+
+
+class PoseSums(nn.Module):
+    """The sums over poses that thresholds go by: for each width and direction."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.floor = nn.Parameter(torch.tensor([[floor] for floor in WIDTHS.values()]))
+
+    def forward(self, strip: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
+        """Map (B, poses, lags * directions) to (B, widths * directions).
+
+        Args:
+            strip: J, 0 where a pose has nothing.
+            seen: 1 where it has something, shape (B, poses, 1).
+        """
+        sides = strip.reshape(*strip.shape[:2], STRIP_LAGS, STRIP_DIRECTIONS)
+        middle = STRIP_LAGS // 2
+        near = [sides[:, :, middle - w : middle + w + 1].amax(dim=2) for w in WIDTHS]
+        over = (torch.stack(near, dim=2) - self.floor) * seen[..., None]
+        poses = seen.sum(dim=1)[..., None].clamp(min=1.0)
+        total = (over.sum(dim=1) / poses.sqrt()).flatten(1)
+        # asinh, written out for ONNX: walls of a loud walk are a hundred times above faint ones.
+        size = torch.log(total.abs() + (total.square() + 1.0).sqrt())
+        return torch.sign(total) * size
 
 
 class PoseEncoder(nn.Module):
@@ -147,23 +195,27 @@ class PosePooling(nn.Module):
     def __init__(self, net: WalkNet) -> None:
         super().__init__()
         self.weight = nn.Linear(net.width, 1)
-        joined = [nn.Linear(3 * net.width, net.width), nn.GELU(), nn.Dropout(net.dropout)]
+        told = 3 * net.width + len(WIDTHS) * STRIP_DIRECTIONS
+        joined = [nn.Linear(told, net.width), nn.GELU(), nn.Dropout(net.dropout)]
         self.joined = nn.Sequential(*joined, nn.Linear(net.width, net.width))
 
-    def forward(self, each: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
+    def forward(
+        self, each: torch.Tensor, seen: torch.Tensor, *, evidence: torch.Tensor
+    ) -> torch.Tensor:
         """Map (B, poses, width) to (B, width).
 
         Args:
             each: what poses say, 0 where they have nothing.
             seen: 1 where they have something, shape (B, poses, 1).
+            evidence: their sums, shape (B, widths * directions).
         """
         there = seen > 0.5
         scores = torch.where(there, self.weight(each), torch.full_like(seen, NOWHERE))
         attended = (torch.softmax(scores, dim=1) * each).sum(dim=1)
-        evidence = each.sum(dim=1) / seen.sum(dim=1).clamp(min=1.0).sqrt()
+        total = each.sum(dim=1) / seen.sum(dim=1).clamp(min=1.0).sqrt()
         highest = torch.where(there, each, torch.full_like(each, NOWHERE)).amax(dim=1)
         highest = highest * seen.amax(dim=1)
-        found: torch.Tensor = self.joined(torch.cat([attended, evidence, highest], dim=1))
+        found: torch.Tensor = self.joined(torch.cat([evidence, attended, total, highest], dim=1))
         return found
 
 

@@ -161,7 +161,9 @@ def tests_of(
             everywhere["odometry_error"] = ""
             rows += [about | row for row in _tests(duels, everywhere, resamples=resamples)]
     # Tests of one metric are read as one table; those of single cells and over all apart.
-    families = [{**row, "family": (row["metric"], row["tested_on"] == ALL)} for row in rows]
+    families = [
+        {**row, "training": "", "family": (row["metric"], row["tested_on"] == ALL)} for row in rows
+    ]
     return pairs.correct(families)
 
 

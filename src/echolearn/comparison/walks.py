@@ -7,6 +7,7 @@ evidence, beside which every learner stands; lines through `joint`'s points; the
 hypotheses; the same walks with exact poses.
 """
 
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import partial
@@ -46,7 +47,7 @@ from echolearn.storage.manifests import (
     set_name,
     verify,
 )
-from echolearn.storage.marked_page import around
+from echolearn.storage.marked_page import around, write_between
 from echolearn.storage.once import once
 from echolearn.training.predictions import groups_of_validation
 from echolearn.training.runs import Run
@@ -108,7 +109,10 @@ def compare_walks(
         return {file: files[file] for file in SHOWN}
 
     found = once(folder, finished=partial(_finished, folder, known), make=make, doing="makes it")
-    report.show(found, folder=folder, readme=readme)
+    table = found[SHOWN[0]].decode()
+    sys.stdout.write(f"{table}\n{folder / SHOWN[0]}\n")
+    if readme is not None:
+        write_between(readme, table, markers=report.RESULTS)
     return folder
 
 

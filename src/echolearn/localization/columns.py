@@ -150,7 +150,6 @@ EVERY_TENSOR = (*TENSORS, *FURTHER_TENSORS, "candidates")
 TENSOR_VIEWS = dict.fromkeys(EVERY_TENSOR, "covariance") | {
     "correlation_map": "map",
     "candidates": "pose",
-    STRIPS: "strips",
 }
 """What kind of tensor each is, as a bundle says it."""
 
