@@ -216,6 +216,7 @@ def _until_told() -> Iterator[Callable[[], bool]]:
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def tell_of(number: int, _: object) -> None:
+        """Remember a signal, and let the next one be as always."""
         told.append(number)
         for each, handler in before.items():
             signal.signal(each, handler)
