@@ -57,13 +57,15 @@ def _train(config: "Config") -> Path:
 
     classifier = _without(config["classifier"], config["without"])
     division = built(config, "target seed split test_share validation_share train_rows")
+    dataset = open_set(config)
+    array = dataset.array or build(config["scene"]["array"], "scene.array")
     result = train(
-        LearningProblem(open_set(config), **division),
+        LearningProblem(dataset, **division),
         # Built only if it has to be trained, since its library takes seconds to load.
         classifier=partial(build, classifier, "classifier"),
         config=by_short_names(classifier),
         runs=Path(config["runs"]),
-        microphones=build(config["scene"]["array"], "scene.array").positions,
+        microphones=array.positions,
         variant=variant_text(config.get("varied", {})),
         **built(config, "name folds calibration aim without command"),
     )
@@ -265,6 +267,17 @@ def _check(config: "Config") -> Path:
     )
 
 
+def _label(config: "Config") -> Path:
+    """Make the labelled set of a recorded survey whose walls or true echoes are known."""
+    from echolearn.comparison.recorded_set import label_survey
+
+    return label_survey(
+        recorded_survey(config),
+        runs=Path(config["runs"]),
+        **built(config, "localizer name role height further command"),
+    )
+
+
 def _fit(config: "Config") -> Path:
     """Make a filter for the robot of a survey from its own recordings, and map them with it."""
     from dataclasses import replace
@@ -354,6 +367,7 @@ COMMANDS: dict[str, Callable[["Config"], Path | None]] = {
     "map": _map,
     "live": _live,
     "fit": _fit,
+    "label": _label,
 }
 
 

@@ -28,6 +28,8 @@ def open_set(config: "Config") -> "Dataset":
     from echolearn.dataset.walk_plan import WalkPlan
     from echolearn.runtime.engines.processes import Processes
 
+    if config["recorded"]:
+        return opened_set(Path(config["recorded"]).resolve())
     plan = built(config, "plan")["plan"]
     place = folder_of(plan, runs=Path(config["runs"]))
     allowed = f"must be a set that exists under {place.parent}"

@@ -27,7 +27,7 @@ from echolearn.storage.named import folder_named
 
 Job = tuple[str, dict[str, Any]]
 
-BY_CONTENT = ("generate", "train")
+BY_CONTENT = ("generate", "label", "train")
 """Commands that name their folders after all that goes into them."""
 
 BY_SWEEP = ("check", "fit", "import", "live", "map", "survey")
@@ -90,14 +90,18 @@ def plan_of_folder(words: Sequence[str]) -> list[str]:
     place = folder_named(given, "data", runs=runs, key="plan")
     if not (place / MANIFEST).is_file():
         return list(words)
-    made = shlex.split(own_command(load_manifest(place)))[2:]
+    manifest = load_manifest(place)
+    index = next(i for i, word in enumerate(words) if word.startswith("plan="))
+    # What was recorded has no plan: it is named instead of one.
+    if manifest["plan"].get("kind") == "recorded":
+        return [*words[:index], assignment("recorded", str(place)), *words[index + 1 :]]
+    made = shlex.split(own_command(manifest))[2:]
     allowed = "must be the name of a plan, or a set that was made here"
     check(bool(made), "plan", given, allowed=allowed, hint="of another set, type its plan")
     there = place.resolve().parent == (runs / "data").resolve()
     hint = f"add {assignment('runs', str(place.parents[1]))}"
     check(there, "plan", given, allowed=f"must be a set under {runs / 'data'}", hint=hint)
     own = [word for word in made if not word.startswith(("runs=", "--"))]
-    index = next(i for i, word in enumerate(words) if word.startswith("plan="))
     return [*words[:index], *own, *words[index + 1 :]]
 
 

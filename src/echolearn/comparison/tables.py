@@ -141,7 +141,8 @@ def describe_set(name: str, dataset: Dataset) -> dict[str, Any]:
         "rows": len(dataset),
         "positions": len(np.unique(dataset["group"])),
         "reflector": reflector.mean(),
-        "on_map": dataset["on_map"].mean(),
+        # Of a survey without a map nobody knows it.
+        "on_map": dataset["on_map"].mean() if dataset.holds(["on_map"]) else np.nan,
         "right": right,
         "digest": dataset.digest,
     }

@@ -19,6 +19,9 @@ from echolearn.storage.advice import repair_hint
 from echolearn.storage.files import let_go, open_array
 from echolearn.storage.identity import digest
 
+RECORDED = "recorded"
+"""Kind of the plan of a set that was labelled from a recorded survey."""
+
 FORMAT = 2
 """Version of the sets that are written and read; part of every digest."""
 
@@ -133,7 +136,8 @@ class Dataset:
             BadValue: the set has no such field, or no such row.
         """
         known = self._shards[0].dtype
-        if name == derived.NAME and name not in (known.names or ()):
+        simulated = self.manifest["plan"].get("kind") != RECORDED
+        if simulated and name == derived.NAME and name not in (known.names or ()):
             read = partial(self.gather, rows=rows)
             several = "wall" in (known.names or ())
             about: Any = {"several": several, "array": self.array}

@@ -78,7 +78,7 @@ def records(plan: Plan, rows: range) -> Array:
         columns[name] = np.repeat(values, estimates.shape[1], axis=0)
     known = labels(estimates, spots, plan=plan)
     columns |= {name: np.concatenate([each[name] for each in known]) for name in known[0]}
-    return _structured(columns)
+    return structured(columns)
 
 
 def recordings_of(plan: Plan, rows: range) -> tuple[Observation, list[Spot]]:
@@ -211,7 +211,7 @@ def _labels(estimates: Array, points: Array, *, spot: Spot, plan: Plan) -> dict[
     return found | {"echo": np.arange(len(toa)), "wall": wall} if len(toa) > 1 else found
 
 
-def _structured(columns: Mapping[str, Array]) -> Array:
+def structured(columns: Mapping[str, Array]) -> Array:
     """Return columns of equal length as one structured array, a field for each."""
     fields = [(name, column.dtype, column.shape[1:]) for name, column in columns.items()]
     table = np.empty(len(columns["toa"]), dtype=fields)

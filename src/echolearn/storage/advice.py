@@ -32,6 +32,7 @@ PLACES = {
     "map": "maps",
     "live": "maps",
     "fit": "fit",
+    "label": "data",
     "bench": "bench",
 }
 """Folders under `runs` in which commands make theirs; `bench` writes there itself."""
