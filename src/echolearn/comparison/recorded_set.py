@@ -238,7 +238,7 @@ def place_groups(survey: Survey) -> Array:
 
 
 def _context(survey: Survey) -> dict[str, Array]:
-    """Return what the localizer did not know of each pose, (P, ...); NaN, of sizes 0, if unknown."""
+    """Return what the localizer did not know of each pose; unknown is NaN, of sizes 0."""
     count = len(survey)
     unknown = np.full(count, np.nan)
     sides = np.zeros(2)
