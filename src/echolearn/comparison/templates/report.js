@@ -75,6 +75,6 @@ function slide(pair) {
 for (const frame of document.querySelectorAll(".wide")) {
   const table = frame.querySelector("table");
   sortable(table);
-  if (table.tBodies[0].rows.length > 8) filterable(frame, table);
+  if (table.tBodies[0].rows.length > 5) filterable(frame, table);
 }
 document.querySelectorAll(".pair").forEach(slide);
