@@ -66,7 +66,7 @@ echolearn.dataset.generate.generate echolearn.cli.main.main echolearn.robot.bund
 @pytest.mark.parametrize("target", MENACING.split())
 def test_what_is_not_of_its_places_kind_is_refused_before_it_is_called(target):
     for place in (*KINDS, "localizers.mine", "scene.diffuse"):
-        said = rf"^{place}\._target_={target}: must be a class like (echolearn|sklearn)\."
+        said = rf"^{place}\._target_={target}: must be a class like (echolearn|sklearn|lightning)\."
         with pytest.raises(BadValue, match=said):
             build({"_target_": target, "path": "x", "plain": {}}, place)
 

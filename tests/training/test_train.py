@@ -1,5 +1,6 @@
 """Training runs: division of rows, run folders, identity, resuming, and the files a run leaves."""
 
+import csv
 import json
 import os
 import re
@@ -12,6 +13,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from lightning.pytorch.loggers import CSVLogger
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
@@ -493,3 +495,24 @@ def test_a_precision_out_of_reach_loses_no_run(toy, tmp_path, capsys):
     assert found["operating_point"]["aim"] == "balanced"
     said = "aim=precision 0.999: cannot be reached on validation rows; best is 0."
     assert said in found["operating_point"]["missed"] and said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", KEYS)
+def test_a_logger_of_lightning_is_told_what_a_run_is_worth(kind, toy, tmp_path):
+    """A network's epochs come before, and the run is the one that it is without a logger."""
+    place = {"save_dir": str(tmp_path), "name": "logs", "version": "one"}
+    logger = partial(CSVLogger, **place)
+    result = train(LearningProblem(toy, seed=2), KEYS[kind], tmp_path / "with", logger=logger)
+    told = rows_of_csv(tmp_path / "logs" / "one" / "metrics.csv")
+    assert float(told[-1]["test/auc"]) == pytest.approx(result["test"]["auc"])
+    epochs = [row for row in told if row.get("train/loss")]
+    assert bool(epochs) is (kind == "network")
+    assert "classifier.inputs" in (tmp_path / "logs" / "one" / "hparams.yaml").read_text()
+    alone = train(LearningProblem(toy, seed=2), KEYS[kind], tmp_path / "without")
+    assert result["model"] == alone["model"] and result["run"] == alone["run"]
+
+
+def rows_of_csv(file):
+    """Return the rows of a CSV file."""
+    with file.open() as lines:
+        return list(csv.DictReader(lines))

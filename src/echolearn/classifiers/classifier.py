@@ -27,10 +27,10 @@ Three promises keep all classifiers exchangeable:
   alone.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from echolearn.acoustics.types import Array
 from echolearn.classifiers.inputs import Inputs, check_labels
@@ -54,6 +54,7 @@ class Examples:
         seed: seed of everything random.
         watch: called after each epoch with its number and a figure of validation rows, the larger
             the better; whatever it raises ends the fit.
+        loggers: loggers of Lightning that a network tells its epochs to, besides its own files.
     """
 
     x: Inputs
@@ -63,6 +64,7 @@ class Examples:
     folder: Path
     seed: int
     watch: Callable[[int, float], None] | None = None
+    loggers: Sequence[Any] = ()
 
     def __post_init__(self) -> None:
         check_labels(self.y, len(self.x))

@@ -58,6 +58,7 @@ def _train(config: "Config") -> Path:
     classifier = _without(config["classifier"], config["without"])
     division = built(config, "target seed split test_share validation_share train_rows")
     dataset = open_set(config)
+    logger = config.get("logger")
     array = dataset.array or build(config["scene"]["array"], "scene.array")
     result = train(
         LearningProblem(dataset, **division),
@@ -67,6 +68,7 @@ def _train(config: "Config") -> Path:
         runs=Path(config["runs"]),
         microphones=array.positions,
         variant=variant_text(config.get("varied", {})),
+        logger=partial(build, logger, "logger") if logger else None,
         **built(config, "name folds calibration aim without command"),
     )
     return Path(config["runs"]) / "train" / str(result["run"])

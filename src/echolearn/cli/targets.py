@@ -27,6 +27,7 @@ KINDS = {
     "estimator": "sklearn.base.BaseEstimator",
     "growing": "echolearn.dataset.plans.Plan",
     "localizer": "echolearn.localization.localizer.Localizer",
+    "logger": "lightning.pytorch.loggers.Logger",
     "loudspeaker": "echolearn.acoustics.types.Probe",
     "net": "echolearn.classifiers.architectures.Recipe",
     "noise": "echolearn.acoustics.types.Noise",

@@ -6,7 +6,7 @@
 A fold is fitted, calibrated and cut as the run itself is.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -36,6 +36,7 @@ def fit_calibrated(
     folder: Path,
     calibration: str = PLATT,
     aim: str = BALANCED,
+    loggers: Sequence[Any] = (),
 ) -> Calibrated:
     """Fit a classifier to the training rows of `parts`, calibrate it on the validation rows.
 
@@ -45,8 +46,10 @@ def fit_calibrated(
         parts: rows of the problem's set.
         folder: place of the classifier's own logs.
         calibration, aim: as those of `train`.
+        loggers: as those of `Examples`.
     """
-    examples = examples_of(model, problem, parts=parts, folder=folder)
+    about: Any = {"parts": parts, "folder": folder, "loggers": loggers}
+    examples = examples_of(model, problem, **about)
     model.fit(examples)
     return calibrate(model, *examples.validation, method=calibration, aim=read_aim(aim))
 

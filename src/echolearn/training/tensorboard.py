@@ -41,12 +41,7 @@ def write_events(
         figures: drawings by tag; those that are None are left out.
         last: step at which the metrics stand, after those of a network's epochs.
     """
-    scalars = {}
-    for tag, part in (("val", "validation"), ("test", "test")):
-        for name, value in result[part].items():
-            # A metric without a value, such as the precision where nothing is kept, has no dot.
-            if value is not None:
-                scalars[f"{tag}/{name}"] = value
+    scalars = scalars_of(result)
     # Columns are sorted by their names, and the first five are shown: digits come before letters.
     problem = dict(identity["problem"])
     first = {"1 plan": problem.pop("plan"), "2 seed": problem.pop("seed")}
@@ -66,6 +61,32 @@ def write_events(
         _, *session = hparams(parameters, dict(scalars))
         for summary in session:
             writer.file_writer.add_summary(summary)
+
+
+def scalars_of(result: Mapping[str, Any]) -> dict[str, float]:
+    """Return a run's metrics of validation and test rows, by tag."""
+    scalars = {}
+    for tag, part in (("val", "validation"), ("test", "test")):
+        for name, value in result[part].items():
+            # A metric without a value, such as the precision where nothing is kept, has no dot.
+            if value is not None:
+                scalars[f"{tag}/{name}"] = value
+    return scalars
+
+
+def log_run(
+    logger: Any, identity: Mapping[str, Any], *, result: Mapping[str, Any], last: int
+) -> None:
+    """Tell a logger of Lightning what a run is made from and what it is worth.
+
+    Args:
+        logger: `lightning.pytorch.loggers.Logger`; a network has told it its epochs.
+        identity, result, last: as those of `write_events`.
+    """
+    logger.log_hyperparams(flat(identity))
+    logger.log_metrics(scalars_of(result), step=last)
+    logger.save()
+    logger.finalize("success")
 
 
 def flat(parameters: Mapping[str, Any], before: str = "") -> dict[str, Any]:

@@ -67,6 +67,7 @@ def train(
     microphones: Array | None = None,
     without: Sequence[str] = (),
     variant: str = "",
+    logger: Callable[[], Any] | None = None,
     command: str | None = None,
 ) -> Metrics:
     """Fit, calibrate, export and evaluate one classifier, once; return what `metrics.json` holds.
@@ -81,6 +82,7 @@ def train(
         calibration, aim: way to confidences, and what their cut shall do (`operating_point`).
         microphones: shape (M, 3), in m: metrics tell by them recordings of the same array.
         without, variant: columns that an ablation leaves out, what a sweep varies, for the metrics.
+        logger: makes a logger of Lightning, which is told the run besides TensorBoard.
         command: what makes the run again, for its metrics.
 
     Raises:
@@ -98,7 +100,8 @@ def train(
     problem.inputs(classifier().inputs)
     problem.parts()
     told = _told(command, microphones, without=without)
-    make = partial(_make_named, place, problem, classifier=classifier, identity=identity, told=told)
+    more: Any = {"identity": identity, "told": told, "logger": logger}
+    make = partial(_make_named, place, problem, classifier=classifier, **more)
     # Locked under the name without what is varied, so that two sweeps do not make one run twice.
     return once(usual, finished=finished, make=make, doing="trains this run")
 
@@ -115,12 +118,13 @@ def _make_named(
     classifier: Callable[[], Classifier],
     identity: Mapping[str, Any],
     told: Mapping[str, Any],
+    logger: Callable[[], Any] | None,
 ) -> Metrics:
     """Make a run in its folder, which another command may have named meanwhile.
 
     Args:
         place: tells the folder.
-        problem, classifier, identity, told: as those of `make_run`.
+        problem, classifier, identity, told, logger: as those of `make_run`.
     """
     from echolearn.training.tensorboard import writable
 
@@ -128,7 +132,8 @@ def _make_named(
     parts = folder.name.removeprefix(f"{title_of(identity)}-").rpartition("-")
     about = {**told, "variant": parts[0]} if parts[0] else told
     with writable(folder):
-        return make_run(problem, classifier, identity=identity, folder=folder, told=about)
+        more: Any = {"identity": identity, "told": about, "logger": logger}
+        return make_run(problem, classifier, folder=folder, **more)
 
 
 def title_of(identity: Mapping[str, Any]) -> str:
@@ -206,6 +211,7 @@ def make_run(
     identity: Mapping[str, Any],
     folder: Path,
     told: Mapping[str, Any],
+    logger: Callable[[], Any] | None = None,
 ) -> Metrics:
     """Do all the work of one run and return its metrics.
 
@@ -215,14 +221,19 @@ def make_run(
         identity: what the run is made from, for `config.json`.
         folder: folder of the run; what an interrupted command has left there goes.
         told: what the metrics say besides: the command that makes the run again, and so on.
+        logger: as that of `train`; folds are not told.
     """
+    from echolearn.training import tensorboard
+
     began = time.monotonic()
     # What a killed command has left would stand among the results of this one.
     shutil.rmtree(folder, ignore_errors=True)
     files.save_json(folder / CONFIG, identity)
     parts = problem.parts()
     cut = {key: identity[key] for key in ("calibration", "aim") if key in identity}
-    fitted = fit_calibrated(classifier(), problem, parts=parts, folder=folder, **cut)
+    loggers = [logger()] if logger else []
+    about: Any = {"parts": parts, "folder": folder, "loggers": loggers}
+    fitted = fit_calibrated(classifier(), problem, **about, **cut)
     fitting = time.monotonic() - began
 
     x = problem.inputs(fitted.classifier.inputs)
@@ -242,6 +253,10 @@ def make_run(
     }
     # TensorBoard and the times come before the metrics, whose presence says that all is there.
     _show(fitted, problem, parts=parts, folder=folder, result=result, identity=identity)
+    for one in loggers:
+        tensorboard.log_run(
+            one, identity, result=result, last=getattr(fitted.classifier, "epochs_seen", 0)
+        )
     total = time.monotonic() - began
     files.save_json(folder / "timing.json", {"fit": round(fitting, 3), "total": round(total, 3)})
     _report(result, total)

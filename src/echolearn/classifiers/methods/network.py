@@ -146,7 +146,7 @@ class Network:
             size = block_rows(rows.shape[1:], BLOCK)
             there = walks_of(held_rows)
             held = Batches(source_of(held_rows, scale), labels, size=size, walks=there)
-            trainer = self.trainer(examples.folder)
+            trainer = self.trainer(examples)
             trainer.fit(training, WholeEpoch(batches), WholeEpoch(held))
         self.device = trainer.strategy.root_device.type
         self.epochs_seen = trainer.current_epoch
@@ -156,12 +156,12 @@ class Network:
         self.fitted = nn.Sequential(scale, training.net).eval()
         return self
 
-    def trainer(self, folder: Path) -> Trainer:
-        """Return a quiet trainer that logs into `folder`, alone whatever started the process."""
+    def trainer(self, examples: Examples) -> Trainer:
+        """Return a quiet trainer that logs into the run's folder, alone whatever started it."""
         # Launchers say by variables which of several processes this is; Lightning reads them when
         # it is imported, and all but the first of them would write nothing.
         rank_zero_only.rank = 0  # type: ignore[attr-defined]
-        place: dict[str, Any] = {"save_dir": str(folder), "name": "", "version": ""}
+        place: dict[str, Any] = {"save_dir": str(examples.folder), "name": "", "version": ""}
         board = TensorBoardLogger(**place, default_hp_metric=False, flush_secs=5)
         return Trainer(
             accelerator=self.accelerator,
@@ -170,7 +170,7 @@ class Network:
             deterministic=None if self.accelerator == "cpu" else "warn",
             max_epochs=self.epochs,
             callbacks=[self.stopping()],
-            logger=[CSVLogger(**place), board],
+            logger=[CSVLogger(**place), board, *examples.loggers],
             plugins=[LightningEnvironment()],
             num_sanity_val_steps=0,
             enable_checkpointing=False,
