@@ -161,7 +161,7 @@ def test_ros_is_spoken_to_another_process(live, tmp_path):
             [sys.executable, CHILD, "91"], stdout=subprocess.PIPE, text=True, encoding="utf-8"
         )
         known = None
-        for _ in range(200):
+        for _ in range(600):
             viewers.pose(pose(5))
             known = viewers.odometry() or known
             if child.poll() is not None:
