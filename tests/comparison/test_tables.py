@@ -96,6 +96,11 @@ class TestChoice:
         roles = {"paper": "grid", "a_made": "training", "b_made": "training"}
         sets = dict.fromkeys(tested)
         assert choice.headline(bare(*models, roles=roles, sets=sets)) == headline
+        # The label that was learned is no reason to look at a set that was not made for training.
+        by_map = [trained("svm", name, 0.5, target="on_map") for name in names]
+        by_map.append(trained("svm", "a_made", 0.5, target="on_map", train_rows="10"))
+        said = choice.headline(bare(*by_map, roles=roles, sets=sets))
+        assert said == f"{headline} (on_map)"
 
 
 class TestSurveys:

@@ -44,17 +44,20 @@ class Comparison:
 def headline(comparison: Comparison) -> str:
     """Return the training that the maps' tables are about.
 
-    That is one on a set made for training, if there is any, and rather on one that is tested, too.
+    That is one on a set made for training, if there is any, and rather on one that is tested, too;
+    of several on one set, one on all of its rows and columns, whose positions are never parted.
     """
     # What was made for another robot leaves no map of these surveys.
     unfit = pick(comparison.rows, kind="survey", metric=UNFIT)
     others = {row["training"] for row in unfit if row["role"] != BUNDLE}
 
-    def order(model: Model) -> tuple[bool, bool, bool, str]:
+    def order(model: Model) -> tuple[bool, bool, bool, bool, str]:
         """Return what trainings are ranked by: whether they fit, are tested, made for training."""
-        name = model.training
+        name = model.trained_on
         made_for_it = comparison.roles.get(name) == "training"
-        return name in others, name not in comparison.sets, not made_for_it, name
+        partial = model != model.full or model.split == "row"
+        untested = name not in comparison.sets
+        return model.training in others, untested, not made_for_it, partial, model.training
 
     return min(trained(comparison), key=order).training
 

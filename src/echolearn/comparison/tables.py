@@ -71,11 +71,11 @@ def main_localizer(comparison: Comparison) -> str:
     return next(iter(localizers_of(comparison)), "")
 
 
-def unseen(comparison: Comparison, training: str) -> bool:
+def unseen(comparison: Comparison, trained_on: str) -> bool:
     """Tell whether no survey was made in a room of the training set, if that is among the sets."""
-    if training not in comparison.sets:
+    if trained_on not in comparison.sets:
         return False
-    trained = comparison.sets[training]["room"][:, :2]
+    trained = comparison.sets[trained_on]["room"][:, :2]
     for survey in comparison.surveys.values():
         if np.isclose(trained, np.ptp(survey.walls, axis=(0, 1))).all(axis=1).any():
             return False
@@ -107,7 +107,7 @@ def gather(comparison: Comparison) -> dict[str, Any]:
         "rooms": map_tables(here + [row | {"metric": "test"} for row in tests], comparison),
         "names": distinct(here, "classifier"),
         "localizer": localizer,
-        "unseen": unseen(comparison, source),
+        "unseen": unseen(comparison, best.trained_on),
         "worst": worst_test_set(here),
         "away": away(comparison),
         "own": own_table(rows),
