@@ -23,7 +23,7 @@ from echolearn.survey import audio
 COMMANDS = sorted(path.stem for path in folder().glob("*.yaml"))
 FILES = sorted(path for path in folder().glob("*/*.yaml") if path.parent.name != "experiment")
 PLANS = sorted(path.stem for path in (folder() / "plan").glob("*.yaml"))
-USED_BY = {"room": "survey", "classifier": "train", "source": "import"}
+USED_BY = {"room": "survey", "classifier": "train", "logger": "train", "source": "import"}
 """A command that has the group; `generate` has the others."""
 
 
@@ -69,7 +69,8 @@ def test_every_command_composes_from_its_defaults(command):
 @pytest.mark.parametrize("path", FILES, ids=name)
 def test_every_file_begins_with_what_it_calls(path):
     lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
-    assert lines[0].startswith(f"{TARGET}: echolearn.")
+    package = "lightning" if path.parent.name == "logger" else "echolearn"
+    assert lines[0].startswith(f"{TARGET}: {package}.")
 
 
 @pytest.mark.parametrize("path", FILES, ids=name)
