@@ -216,27 +216,24 @@ def make_run(
     """Do all the work of one run and return its metrics.
 
     Args:
-        problem: what to learn from which rows.
-        classifier: makes it, unfitted.
+        problem, classifier: as those of `train`.
         identity: what the run is made from, for `config.json`.
         folder: folder of the run; what an interrupted command has left there goes.
-        told: what the metrics say besides: the command that makes the run again, and so on.
+        told: what the metrics say besides, such as the command that makes the run again.
         logger: as that of `train`; folds are not told.
     """
-    from echolearn.training import tensorboard
-
     began = time.monotonic()
     # What a killed command has left would stand among the results of this one.
     shutil.rmtree(folder, ignore_errors=True)
     files.save_json(folder / CONFIG, identity)
     parts = problem.parts()
     cut = {key: identity[key] for key in ("calibration", "aim") if key in identity}
+    place: Any = {"parts": parts, "folder": folder}
     loggers = [logger()] if logger else []
-    about: Any = {"parts": parts, "folder": folder, "loggers": loggers}
-    fitted = fit_calibrated(classifier(), problem, **about, **cut)
+    fitted = fit_calibrated(classifier(), problem, loggers=loggers, **place, **cut)
     fitting = time.monotonic() - began
 
-    x = problem.inputs(fitted.classifier.inputs)
+    tested = problem.inputs(fitted.classifier.inputs).part(parts.test)
     folds = identity["folds"]
     result = {
         "run": folder.name,
@@ -247,19 +244,15 @@ def make_run(
         **facts_of(fitted),
         "rows": {part: len(rows) for part, rows in parts._asdict().items()},
         "cross_validation": cross_validate(problem, classifier, folds=folds, folder=folder, **cut),
-        "model": write_model(fitted, x.part(parts.test), folder=folder),
+        "model": write_model(fitted, tested, folder=folder),
         "validation": evaluate_rows(fitted, problem, rows=parts.validation),
         "test": evaluate_rows(fitted, problem, rows=parts.test),
     }
     # TensorBoard and the times come before the metrics, whose presence says that all is there.
-    _show(fitted, problem, parts=parts, folder=folder, result=result, identity=identity)
-    for one in loggers:
-        tensorboard.log_run(
-            one, identity, result=result, last=getattr(fitted.classifier, "epochs_seen", 0)
-        )
-    total = time.monotonic() - began
-    files.save_json(folder / "timing.json", {"fit": round(fitting, 3), "total": round(total, 3)})
-    _report(result, total)
+    _show(fitted, problem, result=result, identity=identity, loggers=loggers, **place)
+    spent = {"fit": round(fitting, 3), "total": round(time.monotonic() - began, 3)}
+    files.save_json(folder / "timing.json", spent)
+    _report(result, spent["total"])
     return manifests.finish(folder, result, files=[CONFIG, MODEL], last=manifests.METRICS)
 
 
@@ -271,8 +264,9 @@ def _show(
     folder: Path,
     result: Metrics,
     identity: Mapping[str, Any],
+    loggers: Sequence[Any],
 ) -> None:
-    """Write what TensorBoard shows of a run.
+    """Write what TensorBoard shows of a run, and tell loggers what it is worth.
 
     Args:
         fitted: classifier with its calibration.
@@ -281,14 +275,16 @@ def _show(
         folder: of the run.
         result: its metrics.
         identity: what it is made from.
+        loggers: those of Lightning that were asked for.
     """
     from echolearn.training import dashboard_figures
-    from echolearn.training.tensorboard import write_events
+    from echolearn.training.tensorboard import log_run, write_events
 
     x = problem.inputs(fitted.classifier.inputs)
     reference = problem.labels()[parts.test]
     confidence = fitted.confidence(x.part(parts.test))
     validated = fitted.confidence(x.part(parts.validation))
+    last = getattr(fitted.classifier, "epochs_seen", 0)
     placed: Any = {"confidence": validated, "cut": fitted.threshold}
     write_events(
         folder,
@@ -297,13 +293,15 @@ def _show(
         reference=reference,
         confidence=confidence,
         curves=getattr(fitted.classifier, "curves", {}),
-        last=getattr(fitted.classifier, "epochs_seen", 0),
+        last=last,
         figures={
             "test/reliability": dashboard_figures.reliability_diagram(reference, confidence),
             "test/precision_recall": dashboard_figures.precision_recall(reference, confidence),
             "val/map": dashboard_figures.filtered_map(problem.dataset, parts.validation, **placed),
         },
     )
+    for logger in loggers:
+        log_run(logger, identity, result=result, last=last)
 
 
 def write_model(fitted: Calibrated, x: Rows, *, folder: Path) -> Metrics:
