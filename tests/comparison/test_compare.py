@@ -20,10 +20,9 @@ from echolearn.comparison.compare import (
     examined_files,
     load_inputs,
     look_closer,
+    page_files,
 )
-from echolearn.comparison.drawings import draw_all
 from echolearn.comparison.evaluate import Inputs
-from echolearn.comparison.examined_figures import draw_examined
 from echolearn.comparison.finding import find_set, find_survey
 from echolearn.comparison.rivals import against_baseline
 from echolearn.evaluation.rows import LabelledRows, Model, Predictions, Recordings, pick, to_csv
@@ -183,8 +182,7 @@ def test_the_number_of_workers_changes_nothing(world, comparison, compared):
     folders = {dataset.digest: dataset.folder for dataset in world.sets.values()}
     inputs = Inputs({}, {}, {}, {}, {}, trained=folders)
     examined = look_closer(comparison, inputs, plan_of=lambda dataset: None, resamples=50)
-    drawings = draw_all(comparison) | draw_examined(examined, comparison)
-    made = report.make(comparison, drawings=drawings, name="small", examined=examined)
+    made = page_files(comparison, name="small", examined=examined)
     made |= examined_files(examined, comparison)
     made["results.csv"] = to_csv(comparison.rows, COLUMNS.split())
     made["tests.csv"] = to_csv(comparison.tests, TEST_COLUMNS.split())

@@ -25,8 +25,11 @@ from echolearn.comparison import (
     tables,
     template,
 )
+from echolearn.comparison.compare import page_files
 from echolearn.comparison.examined import Examined, examined_facts
 from echolearn.comparison.looks import looks_of
+from echolearn.comparison.map_pairs import map_pairs
+from echolearn.comparison.shown import Shown
 from echolearn.comparison.tables import placed
 from echolearn.evaluation.rows import pick
 from echolearn.storage.marked_page import around
@@ -193,7 +196,7 @@ def test_a_classifier_has_one_look_everywhere(comparison, monkeypatch):
 
     for module in (figures, examined_figures):
         monkeypatch.setattr(module, "as_svg", noted)
-    drawings.draw_all(comparison)
+    drawings.draw_all(comparison, map_pairs(comparison))
     for name, look in looks.items():
         assert {each[1:] for each in seen if each[0] == name} == {(look.colour, look.marker)}
 
@@ -234,7 +237,7 @@ def test_every_cell_of_the_generalisation_table_is_there(page, rows):
 
 
 def test_maps_are_drawn_before_and_after_the_filter_the_lowest_snr_first(
-    comparison, rows, files, monkeypatch
+    comparison, files, monkeypatch
 ):
     drawn = []
     paint = figures.paint_map
@@ -244,7 +247,7 @@ def test_maps_are_drawn_before_and_after_the_filter_the_lowest_snr_first(
         paint(axis, *given, **about)
 
     monkeypatch.setattr(figures, "paint_map", noted)
-    svg = drawings.filtered(comparison, rows, snr_db="-10")
+    svg = drawings.filtered(comparison, map_pairs(comparison), snr_db="-10")
     assert svg.encode() == files["figures/maps_first.svg"] != files["figures/maps_last.svg"]
     survey = comparison.surveys["hall_-10dB", "gated"]
     best = choice.chosen(comparison)
@@ -292,7 +295,7 @@ def test_thresholds_alone_make_a_report_and_so_does_one_walk(comparison):
         role=("baseline", "reference"),
         tested_on=(*comparison.sets, "hall_0dB"),
     )
-    made = report.make(few, drawings=drawings.draw_all(few), name="small")
+    made = page_files(few, name="small", examined=Examined())
     page = Page(made["report.html"].decode())
     assert "In 6x5x4 at 0 dB, threshold_peak trained on scattered removes" in page.text
     assert "from the bare threshold's" not in page.text
@@ -305,7 +308,7 @@ def test_thresholds_alone_make_a_report_and_so_does_one_walk(comparison):
 def test_without_surveys_there_are_no_maps(comparison):
     """Nor can the comparison's name break the page."""
     bare = only(replace(comparison, surveys={}), kind="set")
-    made = report.make(bare, drawings=drawings.draw_all(bare), name="<script>x</script>")
+    made = page_files(bare, name="<script>x</script>", examined=Examined())
     page = Page(made["report.html"].decode())
     dots = {f"figures/dots_{number}.svg" for number in (1, 2, 3)}
     drawn = {name for name in made if name.endswith(".svg")}
@@ -340,7 +343,8 @@ def test_rooms_may_be_walked_at_different_snrs(comparison):
     names = ["quality", "arrival_times", "directions", "bands", "belief"]
     names += [f"map_{number}_{side}" for number in range(1, 9) for side in ("every", "kept")]
     names += [f"dots_{number}" for number in range(1, 20)]
-    shown = {"found": [], "drawings": dict.fromkeys(names, "<svg />")}
+    shown = {"drawings": dict.fromkeys(names, "<svg />")}
+    shown["shown"] = Shown(pairs=map_pairs(changed))
     page = Page(report.report_page(changed, facts | {"name": ""}, **shown))
     assert "In 6x5x4 at -10 dB" in page.text and "In barn at -5 dB" in page.text
     assert "In shed" not in page.text

@@ -1,7 +1,7 @@
 """What a comparison finds, on one screen: the chosen filter beside the best yardstick.
 
     on the maps of each room at the lowest SNR of the tables, on measured sound, or, where there is
-    neither, on the set whose curves are drawn --answers--> `Answer`, a row of `answer.csv`
+    neither, on the set whose curves are drawn --answers--> `Answer`, rows of `answer.csv`
 
 The best yardstick is that of the largest figure right there. Hindsight thus speaks for the
 yardstick, never for the filter, which was chosen by its own validation rows. The difference is
@@ -10,42 +10,18 @@ paired: both answered about the same echoes, of which the same ones are resample
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 from echolearn.comparison.choice import Comparison, away, chosen
 from echolearn.comparison.rivals import BASELINE
+from echolearn.comparison.shown import Answer
 from echolearn.comparison.tables import levels, main_localizer, placed
-from echolearn.comparison.template import verdict
 from echolearn.comparison.warnings import YARDSTICKS
 from echolearn.evaluation.pairs import pair_seeds, paired_difference
 from echolearn.evaluation.rows import MeasuredRows, Model, Row, pick
 from echolearn.training.predictions import predict_measured
 
-COLUMNS = (
-    "place snr_db metric classifier value ci_low ci_high"
-    " against against_value difference difference_low difference_high verdict n"
-).split()
-"""Columns of `answer.csv`."""
-
 SHOWN = ("difference", "ci_low", "ci_high", "n")
 """What is taken of a paired test."""
-
-
-class Answer(NamedTuple):
-    """The chosen filter in one place, and by how much it differs from others there.
-
-    Attributes:
-        title: place and SNR, as a heading.
-        place: room of the maps, group of recorded surveys, or set.
-        row: its row of `results.csv`, the mean over seeds.
-        rivals: figure and paired difference of the best yardstick, then of the bare threshold
-            unless that is the best; none where there is nothing to test against.
-    """
-
-    title: str
-    place: str
-    row: Row
-    rivals: list[tuple[Row, Row]]
 
 
 def answers(comparison: Comparison) -> list[Answer]:
@@ -143,19 +119,3 @@ def _measured_test(
         return None
     found = paired_difference(*given, labelled=measured.labelled, metric="auc")
     return {key: found[key] for key in SHOWN}
-
-
-def answer_rows(found: list[Answer]) -> list[Row]:
-    """Return the rows of `answer.csv`; what is beside nobody has one, too."""
-    rows = []
-    for answer in found:
-        shown = {key: answer.row[key] for key in COLUMNS[1:7]} | {"place": answer.place}
-        for other, test in answer.rivals or [({"classifier": "", "value": ""}, {})]:
-            beside = {"against": other["classifier"], "against_value": other["value"]}
-            ends = dict.fromkeys(COLUMNS[9:], "")
-            if test:
-                low, high = test["ci_low"], test["ci_high"]
-                ends = {"difference": test["difference"], "difference_low": low}
-                ends |= {"difference_high": high, "verdict": verdict(test), "n": test["n"]}
-            rows.append(shown | beside | ends)
-    return rows

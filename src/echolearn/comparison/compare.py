@@ -24,6 +24,7 @@ from echolearn.comparison.importance import importance_rows
 from echolearn.comparison.ranking import rank_models, rank_rows
 from echolearn.comparison.recorded import is_examined
 from echolearn.comparison.shifts import shift_rows
+from echolearn.comparison.shown import Shown
 from echolearn.comparison.warnings import all_warnings, tell
 from echolearn.comparison.worst import PlanOf, worst_errors
 from echolearn.dataset.labelled_set import FORMAT, Dataset
@@ -258,9 +259,6 @@ def _write(
         examined: what is known of it besides.
         about: entries of its manifest.
     """
-    from echolearn.comparison.drawings import draw_all
-    from echolearn.comparison.examined_figures import draw_examined
-
     tell(examined.warnings)
     # What an interrupted command or another comparison of this name has left goes first.
     clean(folder)
@@ -272,12 +270,29 @@ def _write(
     if comparison.repeated:
         files["robustness.csv"] = to_csv(comparison.repeated, robustness.COLUMNS.split())
     files |= examined_files(examined, comparison)
-    drawings = draw_all(comparison) | draw_examined(examined, comparison)
-    files |= report.make(comparison, drawings=drawings, name=folder.name, examined=examined)
+    files |= page_files(comparison, name=folder.name, examined=examined)
     for file, content in files.items():
         write_atomic(folder / file, content)
     finish(folder, {**about, "chosen": chosen_run(comparison).identity}, files=files)
     return {name: files[name] for name in report.SHOWN if name in files}
+
+
+def page_files(comparison: Comparison, *, name: str, examined: Examined) -> dict[str, bytes]:
+    """Return the report, its figures and its table by name.
+
+    Args:
+        comparison: what was found.
+        name: of the comparison.
+        examined: what is known of it besides.
+    """
+    from echolearn.comparison.answer import answers
+    from echolearn.comparison.drawings import draw_all
+    from echolearn.comparison.examined_figures import draw_examined
+    from echolearn.comparison.map_pairs import map_pairs
+
+    shown = Shown(answers(comparison), map_pairs(comparison))
+    drawings = draw_all(comparison, shown.pairs) | draw_examined(examined, comparison)
+    return report.make(comparison, shown=shown, drawings=drawings, name=name, examined=examined)
 
 
 def look_closer(

@@ -10,7 +10,7 @@ from echolearn.comparison.choice import Comparison, away, chosen, drawn, headlin
 from echolearn.comparison.looks import looks_of, plain_looks
 from echolearn.comparison.pivot import pivot
 from echolearn.comparison.reliability_figure import Answers, reliability
-from echolearn.comparison.shown import MAP_METRIC, conditions, map_pairs, pairs_at
+from echolearn.comparison.shown import MAP_METRIC, MapPair, conditions
 from echolearn.comparison.tables import (
     levels,
     localizers_of,
@@ -43,10 +43,10 @@ Panels = dict[str, dict[str, list[Row]]]
 """Rows of a line over SNR, by title of the panel and label of the line."""
 
 
-def draw_all(comparison: Comparison) -> dict[str, str]:
-    """Return every figure as SVG, by name."""
+def draw_all(comparison: Comparison, pairs: Sequence[MapPair]) -> dict[str, str]:
+    """Return every figure of a comparison and of its maps as SVG, by name."""
     sets = draw_dots(comparison) | draw_sets(comparison) | draw_reliability(comparison)
-    return sets | (draw_surveys(comparison) if comparison.surveys else {})
+    return sets | (draw_surveys(comparison, pairs) if comparison.surveys else {})
 
 
 def draw_sets(comparison: Comparison) -> dict[str, str]:
@@ -75,13 +75,13 @@ def draw_sets(comparison: Comparison) -> dict[str, str]:
     }
 
 
-def draw_surveys(comparison: Comparison) -> dict[str, str]:
+def draw_surveys(comparison: Comparison, pairs: Sequence[MapPair]) -> dict[str, str]:
     """Return the figures about surveys: maps before and after, quality over SNR, directions."""
     rows = placed(pick(comparison.rows, seed=""), comparison.surveys.values())
     first, *_, last = 2 * levels(comparison)
     lines = by_panel(unfiltered(rows), line="localizer")
     pictures = {
-        "maps_first": filtered(comparison, rows, snr_db=first),
+        "maps_first": filtered(comparison, pairs, snr_db=first),
         "quality": figures.over_snr(
             quality(comparison, rows),
             looks=looks_of(comparison.models),
@@ -94,11 +94,11 @@ def draw_surveys(comparison: Comparison) -> dict[str, str]:
             ylabel="share of points on a wall, unfiltered",
         ),
     }
-    for number, pair in enumerate(map_pairs(comparison), start=1):
+    for number, pair in enumerate(pairs, start=1):
         pictures[f"map_{number}_every"] = figures.single_map(pair.survey, pair.kept | True)
         pictures[f"map_{number}_kept"] = figures.single_map(pair.survey, pair.kept)
     if last != first:
-        pictures["maps_last"] = filtered(comparison, rows, snr_db=last)
+        pictures["maps_last"] = filtered(comparison, pairs, snr_db=last)
     return pictures
 
 
@@ -121,15 +121,16 @@ def draw_dots(comparison: Comparison) -> dict[str, str]:
     return found
 
 
-def filtered(comparison: Comparison, rows: Sequence[Row], *, snr_db: str) -> str:
+def filtered(comparison: Comparison, pairs: Sequence[MapPair], *, snr_db: str) -> str:
     """Return the maps of every room before and after the chosen model's first seed filters them.
 
     Args:
         comparison: what was found.
-        rows: means over seeds, with places.
-        snr_db: SNR of the surveys.
+        pairs: its maps.
+        snr_db: SNR of those that are drawn.
     """
-    walks = pairs_at(comparison, rows, snr_db=snr_db)
+    here = [pair for pair in pairs if pair.snr_db == snr_db]
+    walks = [(pair.title, pair.survey, pair.kept) for pair in here]
     return figures.maps(walks, classifier=chosen(comparison).classifier)
 
 

@@ -17,12 +17,11 @@ from os import cpu_count
 from pathlib import Path
 from typing import Any
 
-from echolearn.comparison.answer import COLUMNS, Answer, answer_rows, answers
 from echolearn.comparison.choice import Comparison
 from echolearn.comparison.examined import Examined, examined_facts
 from echolearn.comparison.glossary import GLOSSARY, MAP_WORDS
 from echolearn.comparison.looks import looks_of
-from echolearn.comparison.shown import DotPanel, conditions, map_pairs
+from echolearn.comparison.shown import ANSWER_COLUMNS, DotPanel, Shown, answer_rows, conditions
 from echolearn.comparison.tables import gather
 from echolearn.comparison.template import number, template, template_text
 from echolearn.evaluation.rows import to_csv
@@ -48,24 +47,25 @@ SHOWN = ("table.md", "figures/maps_first.svg")
 def make(
     comparison: Comparison,
     *,
+    shown: Shown,
     drawings: Mapping[str, str],
     name: str,
-    examined: Examined = Examined(),  # noqa: B008, a frozen value
+    examined: Examined,
 ) -> dict[str, bytes]:
     """Return the report's files by name: `report.html`, `table.md` and `figures/*.svg`.
 
     Args:
         comparison: what was found.
+        shown: answers and maps.
         drawings: SVG of each figure by name (`drawings.draw_all`).
         name: of the comparison.
         examined: what is known of it besides.
     """
     facts = gather(comparison) | examined_facts(examined, comparison) | {"name": name}
-    found = answers(comparison)
-    page = report_page(comparison, facts, found=found, drawings=drawings)
+    page = report_page(comparison, facts, shown=shown, drawings=drawings)
     table = template("table.md").render(**facts)
     files = {"report.html": page.encode(), "table.md": table.encode()}
-    files["answer.csv"] = to_csv(answer_rows(found), COLUMNS)
+    files["answer.csv"] = to_csv(answer_rows(shown.answers), ANSWER_COLUMNS)
     return files | {f"figures/{figure}.svg": svg.encode() for figure, svg in drawings.items()}
 
 
@@ -73,7 +73,7 @@ def report_page(
     comparison: Comparison,
     facts: Mapping[str, Any],
     *,
-    found: list[Answer],
+    shown: Shown,
     drawings: Mapping[str, str],
 ) -> str:
     """Return the page.
@@ -81,7 +81,7 @@ def report_page(
     Args:
         comparison: what was found.
         facts: what the tables show.
-        found: what the first screen says.
+        shown: answers and maps.
         drawings: SVG of each figure by name.
     """
     script = template_text("report.js")
@@ -97,9 +97,9 @@ def report_page(
         style=template_text("report.css"),
         script=script,
         script_hash=f"sha256-{proof}",
-        answers=found,
+        answers=shown.answers,
         conditions=panels,
-        pairs=map_pairs(comparison) if facts["rooms"] else [],
+        pairs=shown.pairs if facts["rooms"] else [],
         images=images,
         looks=looks_of(comparison.models),
         glossary=GLOSSARY,

@@ -1,4 +1,8 @@
-"""What a page and its figures show of a comparison: pairs of maps, conditions for the dot plot."""
+"""What a page and its figures show of a comparison: answers, pairs of maps, the dot plot.
+
+The first two ask runs for predictions again (`answer`, `map_pairs`); who shows them is given them
+and needs no run.
+"""
 
 from collections.abc import Sequence
 from operator import itemgetter
@@ -7,19 +11,32 @@ from typing import NamedTuple
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.comparison.choice import Comparison, chosen, headline
-from echolearn.comparison.tables import levels, main_localizer, placed, unfiltered
-from echolearn.comparison.template import share_on_walls
+from echolearn.comparison.choice import Comparison, headline
+from echolearn.comparison.tables import levels, main_localizer, placed
+from echolearn.comparison.template import share_on_walls, verdict
 from echolearn.evaluation.rows import LocalizedSurvey, Row, distinct, pick
-from echolearn.training.predictions import predict_echoes
 
 MAP_METRIC = "balanced accuracy of the map"
 
+ANSWER_COLUMNS = (
+    "place snr_db metric classifier value ci_low ci_high"
+    " against against_value difference difference_low difference_high verdict n"
+).split()
+"""Columns of `answer.csv`."""
+
 
 class MapPair(NamedTuple):
-    """A walk, and which of its points the chosen model's first seed keeps, shape (P,), bool."""
+    """A walk, and which of its points the chosen model's first seed keeps.
+
+    Attributes:
+        title: place and SNR.
+        snr_db: SNR, as the tables name it.
+        survey: the walk.
+        kept: which points, shape (P,), bool.
+    """
 
     title: str
+    snr_db: str
     survey: LocalizedSurvey
     kept: Array
 
@@ -30,29 +47,49 @@ class MapPair(NamedTuple):
         return share_on_walls(true, self.kept | True), share_on_walls(true, self.kept)
 
 
-def map_pairs(comparison: Comparison) -> list[MapPair]:
-    """Return the walks of the lowest and the highest SNR of the tables, the lowest first."""
-    known = levels(comparison)
-    shown = list(dict.fromkeys([*known[:1], *known[-1:]]))
-    rows = placed(pick(comparison.rows, seed=""), comparison.surveys.values())
-    return [pair for level in shown for pair in pairs_at(comparison, rows, snr_db=level)]
+class Answer(NamedTuple):
+    """The chosen filter in one place, and by how much it differs from others there.
 
-
-def pairs_at(comparison: Comparison, rows: Sequence[Row], *, snr_db: str) -> list[MapPair]:
-    """Return every room's walk at an SNR and what the chosen model's first seed keeps of it.
-
-    Args:
-        comparison: what was found.
-        rows: means over seeds, with places.
-        snr_db: SNR of the surveys.
+    Attributes:
+        title: place and SNR, as a heading.
+        place: room of the maps, group of recorded surveys, or set.
+        row: its row of `results.csv`, the mean over seeds.
+        rivals: figure and paired difference of the best yardstick, then of the bare threshold
+            unless that is the best; none where there is nothing to test against.
     """
-    localizer = main_localizer(comparison)
-    walks = []
-    for row in pick(unfiltered(rows), localizer=localizer, snr_db=snr_db):
-        survey = comparison.surveys[row["tested_on"], localizer]
-        kept = predict_echoes(comparison.models[chosen(comparison)][0], survey).kept
-        walks.append(MapPair(f"{row['place']} m, SNR {snr_db} dB", survey, kept))
-    return walks
+
+    title: str
+    place: str
+    row: Row
+    rivals: list[tuple[Row, Row]]
+
+
+class Shown(NamedTuple):
+    """What runs were asked again for, to be shown.
+
+    Attributes:
+        answers: what the first screen says.
+        pairs: maps before and after, those of the lowest SNR first.
+    """
+
+    answers: Sequence[Answer] = ()
+    pairs: Sequence[MapPair] = ()
+
+
+def answer_rows(found: Sequence[Answer]) -> list[Row]:
+    """Return the rows of `answer.csv`; what is beside nobody has one, too."""
+    rows = []
+    for answer in found:
+        shown = {key: answer.row[key] for key in ANSWER_COLUMNS[1:7]} | {"place": answer.place}
+        for other, test in answer.rivals or [({"classifier": "", "value": ""}, {})]:
+            beside = {"against": other["classifier"], "against_value": other["value"]}
+            ends = dict.fromkeys(ANSWER_COLUMNS[9:], "")
+            if test:
+                low, high = test["ci_low"], test["ci_high"]
+                ends = {"difference": test["difference"], "difference_low": low}
+                ends |= {"difference_high": high, "verdict": verdict(test), "n": test["n"]}
+            rows.append(shown | beside | ends)
+    return rows
 
 
 class DotPanel(NamedTuple):
