@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from echolearn.cli.fitting import fitted, recipe_of
 from echolearn.cli.keys import (
     built,
     leave_out,
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from echolearn.cli.config import Config
     from echolearn.dataset.labelled_set import Dataset
     from echolearn.dataset.plans import Plan
-    from echolearn.training.own_robot import Order
 
 
 def _generate(config: "Config") -> Path:
@@ -281,78 +281,26 @@ def _label(config: "Config") -> Path:
 
 
 def _fit(config: "Config") -> Path:
-    """Make a filter for the robot of a survey from its own recordings, and map them with it."""
-    from dataclasses import replace
-
-    from echolearn.checks import check, check_range
-    from echolearn.cli.config import build
+    """Make a filter for a robot from its recordings, and their map; or before it has recorded."""
+    from echolearn.checks import check
     from echolearn.survey.reader import read_survey
-    from echolearn.training.own_robot import FilterRecipe, order_for
+    from echolearn.survey.robot_file import read_robot
+    from echolearn.training.own_robot import order_before, order_for
 
-    survey = recorded_survey(config)
-    # What is wrong with it is said of it, not of the scene that is taken from it.
-    read_survey(survey)
-    plan = build(config["plan"], "plan")
-    window = None
-    if config["within"] is not None:
-        check_range("within", config["within"], bounds=(0.1, 100.0, "m"))
-        nearest, farthest = config["within"]
-        allowed = "must be two distances in m, [1.0,2.0]"
-        check(nearest < farthest, "within", config["within"], allowed=allowed)
-        window = replace(plan.window, nearest=nearest, farthest=farthest)
-    classifier = config["classifier"]
-    recipe = FilterRecipe(
-        plan,
-        partial(build, classifier, "classifier"),
-        window=window,
-        **built(config, "target calibration aim"),
-    )
-    order = order_for(survey, recipe, runs=Path(config["runs"]), **built(config, "name"))
-    return _fitted(order, config)
-
-
-def _fitted(order: "Order", config: "Config") -> Path:
-    """Make the filter that was ordered step by step, and its page; what is finished is kept."""
-    from echolearn.cli.config import build
-    from echolearn.dataset.generate import generate
-    from echolearn.dataset.labelled_set import Dataset
-    from echolearn.robot.survey_map import map_survey
-    from echolearn.storage.identity import by_short_names, digest
-    from echolearn.training.export import export
-    from echolearn.training.own_robot import finish_fit
-    from echolearn.training.split import LearningProblem
-    from echolearn.training.train import train
-    from echolearn.training.walks import walks_plan
-
-    runs = Path(config["runs"])
-    again: Any = {
-        "runs": runs,
-        "command": leave_out(("engine", "workers="), config["command"]),
-    }
-    scene = order.plan.scene
-    engine = built(config, "engine")
-    place = generate(order.plan, **engine, **again)
-    walks = config["walks"]
-    reference = None
-    if walks:
-        reference = Dataset(generate(walks_plan(order.plan, walks), **engine, **again))
-    result = train(
-        LearningProblem(opened_set(place.resolve()), target=order.target, seed=config["seed"]),
-        name=config["choice"]["classifier"],
-        classifier=partial(build, config["classifier"], "classifier"),
-        config=by_short_names(config["classifier"]),
-        microphones=scene.array.positions,
-        **built(config, "calibration aim"),
-        **again,
-    )
-    # Another filter for the same survey has another bundle: robots may still carry this one.
-    name = f"{order.folder.name}-{digest([str(result['run'])])}"
-    run = runs / "train" / str(result["run"])
-    about: Any = {"run": run, "best": None, "array": scene.array, "probe": scene.probe}
-    bundle = export(**about, name=name, reference=reference, **again)
-    mapped = map_survey(survey=order.walk.folder, bundle=bundle, name=name, **again)
-    parts = {"set": place, "run": run, "bundle": bundle, "map": mapped}
-    return finish_fit(order, result, parts=parts, command=again["command"])
+    about: Any = {"runs": Path(config["runs"]), "name": config["name"]}
+    robot = path_of(config["robot"])
+    # What is wrong with robot or survey is said of it, not of the scene that is taken from it.
+    if robot is not None:
+        alone = config["survey"] is None
+        hint = "a survey describes its robot itself"
+        check(alone, "robot", robot, allowed="must be null where survey= is given", hint=hint)
+        read_robot(robot)
+        order = order_before(robot, recipe_of(config), **about)
+    else:
+        survey = recorded_survey(config, hint="robot=<robot.yaml> before there is a recording")
+        read_survey(survey)
+        order = order_for(survey, recipe_of(config), **about)
+    return fitted(order, config)
 
 
 COMMANDS: dict[str, Callable[["Config"], Path | None]] = {

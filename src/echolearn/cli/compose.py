@@ -172,12 +172,22 @@ def _configuration(command: str, job: Sequence[str], *, resolve: bool) -> Config
         for override in values:
             _set(config, override, known=known)
 
-    robot = OmegaConf.select(config, "scene.folder", default=None)
-    if isinstance(robot, str):
-        place = folder_named(robot, "survey", runs=Path(config.runs), key="scene.folder")
-        config.scene.folder = str(place)
+    _name_robot(config)
     plain: Any = OmegaConf.to_container(config, resolve=resolve, throw_on_missing=resolve)
     return dict(plain)
+
+
+def _name_robot(config: Any) -> None:
+    """Let the scene of a recorded robot name its place: that of a survey, or `robot` of `fit`."""
+    from omegaconf import OmegaConf
+
+    survey = OmegaConf.select(config, "scene.folder", default=None)
+    robot = OmegaConf.select(config, "robot", default=None)
+    if isinstance(survey, str):
+        place = folder_named(survey, "survey", runs=Path(config.runs), key="scene.folder")
+        config.scene.folder = str(place)
+    elif isinstance(robot, str):
+        config.scene.folder = robot
 
 
 def command_of(command: str, words: Sequence[str], *, primary: str | None) -> str:

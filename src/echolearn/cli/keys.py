@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from echolearn.comparison.walk_cells import Cell
     from echolearn.dataset.labelled_set import Dataset
 
+RECORDED = "must be a folder in the recorded-survey format"
+
 
 def open_set(config: "Config") -> "Dataset":
     """Open the set of a configuration's plan."""
@@ -111,13 +113,15 @@ def path_of(text: str | None) -> Path | None:
     return Path(text) if text else None
 
 
-def recorded_survey(config: "Config") -> Path:
+def recorded_survey(config: "Config", hint: str = "") -> Path:
     """Return the folder of the survey that a command reads, which is named or called by its path.
+
+    Where none is named, the hint says what else could be given.
 
     Raises:
         BadValue: none is named, or no survey has the name.
     """
-    given = needed(config, "survey", allowed="must be a folder in the recorded-survey format")
+    given = needed(config, "survey", allowed=RECORDED, other=hint)
     return _called(given, "survey", config=config, key="survey")
 
 
@@ -150,17 +154,20 @@ def _called(given: str, place: str, *, config: "Config", key: str) -> Path:
     return found
 
 
-def needed(config: "Config", key: str, *, allowed: str) -> str:
+def needed(config: "Config", key: str, *, allowed: str, other: str = "") -> str:
     """Return what a key names that has no default: a folder, by its name or its path.
 
     Args:
         config: in plain containers.
         key: its name.
         allowed: what must be named.
+        other: what could be given instead.
     """
     from echolearn.checks import check
 
     hint = f"name it: {' '.join(config['command'].split()[:2])} {key}=<folder>"
+    if other:
+        hint = f"{hint}, or {other}"
     check(bool(config[key]), key, config[key], allowed=allowed, hint=hint)
     return str(config[key])
 

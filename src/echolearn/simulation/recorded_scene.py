@@ -1,4 +1,7 @@
-"""The scene of a recorded survey: simulation with the robot that recorded it."""
+"""The scene of a recorded survey: simulation with the robot that recorded it, or will.
+
+Before there is a recording, a file that describes the robot (`survey/robot_file.py`) stands for it.
+"""
 
 from pathlib import Path
 
@@ -7,6 +10,7 @@ from echolearn.checks import check
 from echolearn.simulation.scene import Responder, Scene
 from echolearn.storage import manifests
 from echolearn.survey.reader import read_survey
+from echolearn.survey.robot_file import read_robot
 from echolearn.survey.survey import Survey
 
 
@@ -23,7 +27,7 @@ def recorded_scene(
     """Return a scene whose speed of sound, unless given, is that of a survey.
 
     Args:
-        folder: the survey.
+        folder: the survey, or the file of a robot.
         array, probe: as `recorded_array` and `recorded_probe` return them of the same survey.
         rir, noise, diffuse: as a scene has them.
         speed_of_sound: in m/s.
@@ -51,9 +55,12 @@ def recorded_probe(folder: str | None) -> Probe:
 
 
 def _opened(folder: str | None) -> Survey:
-    """Return the survey that a scene names."""
+    """Return the survey that a scene names, or a walk without a pose of the robot that it names."""
     hint = "scene.folder=<folder>"
     allowed = "must be a folder in the recorded-survey format"
     check(bool(folder), "scene.folder", folder, allowed=allowed, hint=hint)
-    manifests.check_folder("scene.folder", Path(str(folder)), allowed=allowed)
-    return read_survey(Path(str(folder)))
+    place = Path(str(folder))
+    if place.is_file():
+        return read_robot(place)
+    manifests.check_folder("scene.folder", place, allowed=allowed)
+    return read_survey(place)

@@ -95,14 +95,34 @@ def read_description(path: Path) -> dict[str, Any]:
     Raises:
         BadValue: no YAML, or a key that is missing, unknown or malformed.
     """
+    hint = "what else is known of a recording goes into conditions"
+    content = read_keys(path, TABLE, optional=OPTIONAL, hint=hint)
+    if content["walls"] is not None:
+        content["walls"] = floor_plan.sides(content["walls"])
+    return content
+
+
+def read_keys(
+    path: Path, table: Mapping[str, Any], *, optional: Mapping[str, Any], hint: str
+) -> dict[str, Any]:
+    """Return the keys of a description, its coordinates as arrays.
+
+    Args:
+        path: the file.
+        table: keys that it may have, each with its check.
+        optional: keys that may be missing or null, and what is then read.
+        hint: what to do about a key that is not in the table.
+
+    Raises:
+        BadValue: no YAML, or a key that is missing, unknown or malformed.
+    """
     check_size(path, LARGEST_YAML)
     try:
         content = _load(path.read_text(encoding="utf-8"))
         if isinstance(content, dict):
-            missing = {key for key in OPTIONAL if content.get(key) is None}
-            content |= {key: OPTIONAL[key] for key in missing}
-        hint = "what else is known of a recording goes into conditions"
-        check_plain("", content, table=TABLE, hint=hint)
+            missing = {key for key in optional if content.get(key) is None}
+            content |= {key: optional[key] for key in missing}
+        check_plain("", content, table=table, hint=hint)
     except BadValue as error:
         raise BadValue(f"{path} {error}") from None
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
@@ -112,8 +132,6 @@ def read_description(path: Path) -> dict[str, Any]:
 
     for key in ("microphones", "loudspeaker"):
         content[key] = np.array(content[key], dtype=float)
-    if content["walls"] is not None:
-        content["walls"] = floor_plan.sides(content["walls"])
     return dict(content)
 
 

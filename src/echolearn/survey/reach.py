@@ -49,6 +49,10 @@ class Reach(NamedTuple):
     t60: float
 
 
+UNHEARD = Reach(math.nan, math.nan)
+"""What is known where nothing stands out of the noise, or nothing was recorded."""
+
+
 def reach_of(survey: Survey) -> Reach:
     """Return how far recordings hear, and how long the place rings.
 
@@ -87,14 +91,14 @@ def reach_in(energy: Array, *, rate: float, averaged: int, first: int, step: flo
     width = max(1, round(SMOOTH * rate))
     count = len(energy) // width
     if count < 4 or not energy.any():
-        return Reach(math.nan, math.nan)
+        return UNHEARD
     steps = energy[: count * width].reshape(count, width).mean(axis=1)
     noise = float(steps[-max(1, round(NOISE_SHARE * count)) :].mean())
     loud = steps > noise * (1.0 + CLEAR * math.sqrt(2.0 * ALIKE / (averaged * width)))
     # Up to the first step that is not: later ones that are stand out by chance.
     heard = count if loud.all() else int(np.argmin(loud))
     if not heard:
-        return Reach(math.nan, math.nan)
+        return UNHEARD
     farthest = (first + heard * width) * step
     return Reach(farthest, _decay(steps[:heard] - noise, width / rate))
 

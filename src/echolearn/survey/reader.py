@@ -108,7 +108,7 @@ def read_described(folder: Path) -> Survey:
     stored = numbers_of([audio.undecided_words(probe)])
     return Survey(
         folder=folder,
-        probe=_read_probe(probe, about["sample_rate"], scale=stored.scale),
+        probe=read_probe(probe, about["sample_rate"], scale=stored.scale),
         array=MicArray(about["microphones"] - about["loudspeaker"]),
         speed_of_sound=about["speed_of_sound"],
         poses=(),
@@ -143,7 +143,7 @@ def _carried_to(places: Array | None, poses: Sequence[Pose]) -> Array | None:
     return np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=-1)
 
 
-def _read_probe(path: Path, sample_rate: float, *, scale: float) -> Probe:
+def read_probe(path: Path, sample_rate: float, *, scale: float) -> Probe:
     """Return the burst, and the length of recordings, up to which silence follows it.
 
     Args:

@@ -1,18 +1,22 @@
 """The page of `fit`: what was heard, what is believed, what to do better; one file, offline.
 
-Nothing of a survey is markup: every text is escaped. The map is the drawing that `map` made.
+Nothing of a survey is markup: every text is escaped. The map is the drawing that `map` made. Before
+there is a recording, it says what the robot is, and what to record.
 """
 
+import os
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 
 from echolearn.robot.pages import filled_page
+from echolearn.robot.reference import UNCHECKED
 from echolearn.storage import manifests
 from echolearn.storage.advice import assignment
 from echolearn.survey.health import Health
@@ -32,17 +36,17 @@ class Fit:
     """A filter that was made for a robot, and what came of it.
 
     Attributes:
-        name: of the page's folder.
-        walk: the robot's recordings.
-        health: what they say about themselves.
+        folder: where the page goes.
+        walk: the robot's recordings; without a pose where there are none yet.
+        health: what they say about themselves, or None.
         told: what was concluded of robot and place, lines "what: text".
         result: metrics of the trained run.
-        parts: folders of the steps: set, run, bundle, map.
+        parts: folders of the steps: set, run, bundle, and map if something was heard.
     """
 
-    name: str
+    folder: Path
     walk: Survey
-    health: Health
+    health: Health | None
     told: list[str]
     result: Mapping[str, Any]
     parts: Mapping[str, Path]
@@ -50,18 +54,55 @@ class Fit:
 
 def fit_page(fit: Fit) -> bytes:
     """Return the page."""
+    filled = {
+        "title": escape(fit.folder.name),
+        "expected": escape(worth_line(fit.result)),
+        "steps": _links(fit),
+        "next": _items(next_steps(fit)),
+    }
+    filled |= _heard(fit, fit.health) if fit.health else _unheard(fit)
+    return filled_page("training", PAGE, filled=filled)
+
+
+def _heard(fit: Fit, health: Health) -> dict[str, str]:
+    """Return the parts of the page that tell what came of recordings."""
     about = manifests.load_manifest(fit.parts["map"])
     drawing = fit.parts["map"] / "map.svg"
-    filled = {
-        "title": escape(fit.name),
-        "heard": _items([*_health_lines(fit.health), *fit.told]),
+    lines = [*_health_lines(health), *fit.told, f"domain: {about.get('domain', UNCHECKED)}"]
+    return {
         "counts": escape(_counts(about)),
         "map": drawing.read_text() if about.get("points") else "",
-        "expected": escape(worth_line(fit.result)),
-        "advice": _items(advice(fit, about)),
-        "steps": _items(next_steps(fit)),
+        "known": "What was heard",
+        "heard": _items(lines),
+        "better": "What to do better",
+        "advice": _items(advice(fit.walk, health, about=about)),
     }
-    return filled_page("training", PAGE, filled=filled)
+
+
+def _unheard(fit: Fit) -> dict[str, str]:
+    """Return the parts of the page where there is no recording yet."""
+    text = (
+        f"Nothing was heard yet: this filter was made for the robot of {fit.walk.folder.name}, "
+        "by simulation alone."
+    )
+    return {
+        "counts": escape(text),
+        "map": "",
+        "known": "What is known of the robot",
+        "heard": _items(fit.told),
+        "better": "What to record next",
+        "advice": _items(to_record(fit.walk)),
+    }
+
+
+def _links(fit: Fit) -> str:
+    """Return links to the folders of the steps, which a browser opens where the page lies."""
+    items = []
+    for what, place in fit.parts.items():
+        near = quote(os.path.relpath(place, fit.folder))
+        name = escape(f"{place.parent.name}/{place.name}")
+        items.append(f'<li><b>{what}</b> <a href="{near}/">{name}</a></li>')
+    return "".join(items)
 
 
 def _items(lines: Iterable[str]) -> str:
@@ -108,33 +149,60 @@ def worth_line(result: Mapping[str, Any]) -> str:
     )
 
 
-def advice(fit: Fit, about: Mapping[str, Any]) -> list[str]:
-    """Return what would make the map better, the most likely first; one line if nothing would."""
+def advice(walk: Survey, health: Health, *, about: Mapping[str, Any]) -> list[str]:
+    """Return what would make the map better, the most likely first; one line if nothing would.
+
+    Args:
+        walk: the robot's recordings.
+        health: what they say about themselves.
+        about: manifest of the map.
+    """
     lines = [f"likely: {cause}" for cause in about["causes"]]
-    known = fit.health.snr_db[np.isfinite(fit.health.snr_db)]
+    known = health.snr_db[np.isfinite(health.snr_db)]
     if not lines and len(known) and np.median(known) < QUIET_DB:
         lines.append("quiet: play louder, or average several pings at each pose")
-    if not lines and not fit.health.direct:
+    if not lines and not health.direct:
         lines.append(
             "time zero: leave the direct path in the recordings (direct_path: present); then "
             "latency is measured, which moves every echo"
         )
-    if about["poses"] < FEW:
+    if len(walk) < FEW:
         lines.append(f"few poses: record {FEW} or more; a wall needs several that hear it")
     return lines or ["Nothing stands out."]
 
 
+def to_record(robot: Survey) -> list[str]:
+    """Return what the first walk of a robot needs, a line each."""
+    probe = robot.probe
+    window = robot.window
+    return [
+        f"walk: {FEW} poses or more, {window.nearest:g} to {window.farthest:g} m from walls, "
+        "several for each wall, and with turns",
+        f"recordings: at each pose {probe.length} samples at {probe.sample_rate:g} Hz of "
+        f"{len(robot.array)} microphones from the emission on, in observations/",
+        "poses.csv: index,x_m,y_m,z_m,heading_rad,file; the loudspeaker's places in m, headings "
+        "counter-clockwise from x in rad",
+        f"survey.yaml: the keys of {robot.folder.name} but for probe, and direct_path: present; "
+        "probe.wav beside it",
+        "noise.wav: some seconds with the loudspeaker silent",
+        "calibration.wav: optional, one ping where nothing reflects, outdoors",
+    ]
+
+
 def next_steps(fit: Fit) -> list[str]:
     """Return commands that go on from here."""
-    survey = assignment("survey", str(fit.walk.folder))
     bundle = assignment("bundle", str(fit.parts["bundle"]))
-    lines = {
-        "look at the recordings": ["echolearn", "check", survey],
-        "map another walk": ["echolearn", "map", "survey=<folder>", bundle],
-        "prove that nothing has changed": [
-            "echolearn",
-            "verify",
-            *(str(fit.parts[key]) for key in ("set", "run", "bundle", "map")),
-        ],
-    }
-    return [f"{what}: {shlex.join(words)}" for what, words in lines.items()]
+    if fit.health:
+        survey = assignment("survey", str(fit.walk.folder))
+        lines = {
+            "look at the recordings": ["check", survey, bundle],
+            "map another walk": ["map", "survey=<folder>", bundle],
+        }
+    else:
+        lines = {
+            "are the recordings sound": ["check", "survey=<folder>", bundle],
+            "map them by this filter": ["map", "survey=<folder>", bundle],
+            "make a filter by what they tell": ["fit", "survey=<folder>"],
+        }
+    lines["prove that nothing has changed"] = ["verify", *map(str, fit.parts.values())]
+    return [f"{what}: {shlex.join(['echolearn', *words])}" for what, words in lines.items()]

@@ -1,6 +1,7 @@
 """A filter for one robot, made from its own recordings, and the map that it leaves.
 
     survey --examine--> Health --reach--> plan for this robot --generate, train, export--> bundle
+    robot.yaml -------------------------> plan for this robot, likewise
     bundle, survey --map--> map;    all of it --finish_fit--> runs/fit/<name>/fit.html
 
 What is known of the robot comes from its survey: microphones, loudspeaker, burst, sample rate, how
@@ -29,7 +30,8 @@ from echolearn.storage.once import locked
 from echolearn.survey.examining import examine
 from echolearn.survey.health import Health, mended
 from echolearn.survey.proof import read_proved
-from echolearn.survey.reach import Reach, reach_of
+from echolearn.survey.reach import UNHEARD, Reach, reach_of
+from echolearn.survey.robot_file import read_robot
 from echolearn.survey.survey import Survey
 from echolearn.training.fit_page import PAGE, Fit, fit_page
 
@@ -78,8 +80,8 @@ class Order:
 
     Attributes:
         folder: where the page goes, `runs/fit/<name>`.
-        walk: the robot's recordings.
-        health: what they say about themselves.
+        walk: the robot's recordings; without a pose where there are none yet.
+        health: what they say about themselves, or None.
         plan: of the labelled set of this robot.
         target: label to learn.
         told: what was concluded, a line each.
@@ -87,7 +89,7 @@ class Order:
 
     folder: Path
     walk: Survey
-    health: Health
+    health: Health | None
     plan: ScatteredPlan
     target: str
     told: list[str]
@@ -107,9 +109,7 @@ def order_for(survey: Path, recipe: FilterRecipe, *, runs: Path, name: str | Non
         BadValue: a survey that cannot be trusted, or a robot that no set can be made for.
     """
     name = name or Path(survey).resolve().name
-    check_name("name", name)
-    folder = Path(runs) / "fit" / name
-    _check_free(folder)
+    folder = _free_folder(name, runs)
     walk, _ = read_proved(Path(survey))
     walk = replace(walk, window=recipe.window or recipe.plan.window)
     health = examine(walk)
@@ -119,8 +119,36 @@ def order_for(survey: Path, recipe: FilterRecipe, *, runs: Path, name: str | Non
     told = conclusions(sound, reach, plan=plan)
     for line in (*health.mended, *health.noticed, *told):
         print(line, flush=True)
-    target = recipe.target or ("on_map" if walk.mapped else "time_and_direction")
-    return Order(folder, walk, health, plan, target, told)
+    return Order(folder, walk, health, plan, _target(recipe, walk), told)
+
+
+def order_before(
+    robot: Path, recipe: FilterRecipe, *, runs: Path, name: str | None = None
+) -> Order:
+    """Return what a filter calls for whose robot has recorded nothing, and print what is known.
+
+    Args:
+        robot: file that describes it (`survey.robot_file`).
+        recipe: how filters are made.
+        runs: folder of everything generated.
+        name: as that of `order_for`; the file's unless given.
+
+    Raises:
+        BadValue: a file that describes no robot, or a robot that no set can be made for.
+    """
+    name = name or Path(robot).stem
+    folder = _free_folder(name, runs)
+    walk = replace(read_robot(robot), window=recipe.window or recipe.plan.window)
+    plan = plan_for(walk, UNHEARD, recipe=recipe, name=name)
+    told = conclusions(walk, UNHEARD, plan=plan)
+    for line in told:
+        print(line, flush=True)
+    return Order(folder, walk, None, plan, _target(recipe, walk), told)
+
+
+def _target(recipe: FilterRecipe, walk: Survey) -> str:
+    """Return the label that a filter learns."""
+    return recipe.target or ("on_map" if walk.mapped else "time_and_direction")
 
 
 def finish_fit(
@@ -135,10 +163,10 @@ def finish_fit(
     Args:
         order: what was made.
         result: metrics of the trained run.
-        parts: folders of the steps: set, run, bundle, map.
+        parts: folders of the steps: set, run, bundle, and map if something was heard.
         command: what makes it again; None says nothing about it.
     """
-    fit = Fit(order.folder.name, order.walk, order.health, order.told, result, parts)
+    fit = Fit(order.folder, order.walk, order.health, order.told, result, parts)
     about = {"kind": "fit", "parts": {key: path.name for key, path in parts.items()}}
     _write(order.folder, fit_page(fit), about=about | manifests.command_entry(command))
     return order.folder / PAGE
@@ -185,10 +213,11 @@ def conclusions(walk: Survey, reach: Reach, *, plan: ScatteredPlan) -> list[str]
     probe = walk.emitted
     burst = 1000 * len(probe.samples) / probe.sample_rate
     window = plan.window
-    hears = "noise hides how far echoes are heard"
+    why = "noise hides" if len(walk) else "no recording yet tells"
+    hears = f"{why} how far echoes are heard"
     if np.isfinite(reach.farthest):
         hears = f"echoes stand out of the noise up to those of walls {reach.farthest:.1f} m away"
-    rings = "noise hides how long the place rings"
+    rings = f"{why} how long the place rings"
     if np.isfinite(reach.t60):
         rings = f"the place rings for {reach.t60:.2f} s (T60)"
     return [
@@ -200,12 +229,19 @@ def conclusions(walk: Survey, reach: Reach, *, plan: ScatteredPlan) -> list[str]
     ]
 
 
-def _check_free(folder: Path) -> None:
-    """Raise `BadValue` if something else than a fit is in a folder."""
+def _free_folder(name: str, runs: Path) -> Path:
+    """Return the folder of a fit.
+
+    Raises:
+        BadValue: a path for a name, or something else than a fit is there.
+    """
+    check_name("name", name)
+    folder = Path(runs) / "fit" / name
     names = {path.name for path in folder.glob("[!.]*")} if folder.is_dir() else set()
     foreign = (names and PAGE not in names) or (folder.exists() and not folder.is_dir())
     allowed = "must be a new name, or that of a fit"
     check(not foreign, "name", folder.name, allowed=allowed, hint=f"{folder} is something else")
+    return folder
 
 
 def _write(folder: Path, content: bytes, *, about: Mapping[str, Any]) -> None:
