@@ -9,15 +9,19 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 
-def begin(work: Callable[[], object]) -> BaseProcess:
-    """Start work, which can be pickled, in a process of its own: where it may be, a copy of this.
+def may_be_copied() -> bool:
+    """Tell whether copies of this process can do all that it can.
 
     No copy can use CUDA once this process has asked for it, and training asks, on the CPU, too: the
     optimiser looks for a graph that is being captured.
     """
     torch = sys.modules.get("torch")
-    fresh = torch is not None and torch.cuda.is_available()
-    child = get_context("spawn" if fresh else "fork").Process(target=work)
+    return torch is None or not torch.cuda.is_available()
+
+
+def begin(work: Callable[[], object]) -> BaseProcess:
+    """Start work, which can be pickled, in a process of its own: where it may be, a copy of this."""
+    child = get_context("fork" if may_be_copied() else "spawn").Process(target=work)
     child.start()
     return child
 

@@ -10,11 +10,13 @@ from filelock import FileLock
 from hypothesis import HealthCheck, settings
 
 import world as small
+from children import may_be_copied
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import circular_array, microphone_positions
 from echolearn.acoustics.signals import noise_probe
 from echolearn.acoustics.types import Observation, Pose, Room
 from echolearn.comparison.compare import compare
+from echolearn.runtime import processes
 from echolearn.simulation.levels import NoiseLevels
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.observe import add_noise
@@ -40,6 +42,22 @@ def shared(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(folder / "state"))
         yield folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def forked():
+    """Let worker processes be copies of this one, which has loaded what takes them a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        # Copies of one that computes with many threads would wait for those for ever.
+        if may_be_copied() and os.environ.get("OMP_NUM_THREADS") == "1":
+            patch.setattr(processes, "_can_be_forked", lambda: True)
+        yield
+
+
+@pytest.fixture
+def anew(monkeypatch):
+    """Let worker processes begin with nothing, as commands begin them that have run threads."""
+    monkeypatch.setattr(processes, "_can_be_forked", lambda: False)
 
 
 @pytest.fixture(scope="session")

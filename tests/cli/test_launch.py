@@ -16,6 +16,8 @@ from echolearn.checks import BadValue
 from echolearn.cli.config import UsageError
 from echolearn.cli.sweeps import JobsFailed, complaint, run_all
 
+pytestmark = pytest.mark.usefixtures("anew")
+
 ROOTS = [(f"x={x:g}", x) for x in (4.0, -1.0, -4.0, 9.0, 2.25)]
 
 HERE = {}

@@ -200,6 +200,7 @@ def test_a_finished_comparison_is_shown_again(world, compared, capsys):
     assert shown.out.endswith(f"{compared / 'report.html'}\n") and shown.err == ""
 
 
+@pytest.mark.usefixtures("anew")
 def test_other_inputs_are_evaluated_anew(world, compared, tmp_path):
     """Under the same name: sets alone, a run fewer, a README to fill, and the damage of a report
     mended."""

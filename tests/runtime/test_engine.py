@@ -151,6 +151,7 @@ def address(about):
 # ---------------------------------------------------------------- the contract
 
 
+@pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("option", ENGINES)
 def test_every_engine_makes_the_same_set_and_redoes_nothing(option, here, tmp_path, whole):
     """One shard of six is there already."""

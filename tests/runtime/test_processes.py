@@ -15,6 +15,8 @@ import pytest
 from children import is_alive
 from echolearn.runtime.processes import processes, single_threads
 
+pytestmark = pytest.mark.usefixtures("anew")
+
 PARENT = """
 import os, time
 from echolearn.runtime.processes import processes

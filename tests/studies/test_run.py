@@ -73,6 +73,7 @@ def test_estimators_are_perfect_in_quiet_and_guess_in_noise(folder):
     assert 0.03 < low < value < high < 0.3
 
 
+@pytest.mark.usefixtures("anew")
 def test_an_interrupted_study_goes_on_and_ends_the_same(small, folder, tmp_path):
     """By other processes, which change nothing."""
     again = shutil.copytree(folder, tmp_path / "study" / "small")

@@ -173,10 +173,15 @@ def _eliminate(k: int, work: Any) -> None:
             imaginary = im[k, n, f] if n != k else nothing
             row[0, n, f] = _product((real, pivot), -(imaginary * nothing))
             row[1, n, f] = _product((real, nothing), imaginary * pivot)
-    re[:, k] = 0.0
-    im[:, k] = 0.0
-    re[k] = row[0]
-    im[k] = row[1]
+    # Number by number: a slice that is assigned takes seconds to compile, for its error message.
+    for n in range(len(re)):
+        for f in range(re.shape[2]):
+            re[n, k, f] = nothing
+            im[n, k, f] = nothing
+    for n in range(len(re)):
+        for f in range(re.shape[2]):
+            re[k, n, f] = row[0, n, f]
+            im[k, n, f] = row[1, n, f]
     for m in range(len(re)):
         for n in range(len(re)):
             for f in range(re.shape[2]):
@@ -196,10 +201,12 @@ def _pack(parts: Any, planes: Any) -> None:
     place = len(re)
     half = place * (place - 1) // 2
     for m in range(len(re)):
-        planes[m] = re[m, m, :used]
+        for f in range(used):
+            planes[m, f] = re[m, m, f]
         for n in range(m + 1, len(re)):
-            planes[place] = re[m, n, :used]
-            planes[place + half] = im[m, n, :used]
+            for f in range(used):
+                planes[place, f] = re[m, n, f]
+                planes[place + half, f] = im[m, n, f]
             place += 1
 
 
