@@ -20,7 +20,7 @@ def may_be_copied() -> bool:
 
 
 def begin(work: Callable[[], object]) -> BaseProcess:
-    """Start work, which can be pickled, in a process of its own: where it may be, a copy of this."""
+    """Start work, which can be pickled, in a process of its own, a copy of this where it may be."""
     child = get_context("fork" if may_be_copied() else "spawn").Process(target=work)
     child.start()
     return child

@@ -173,15 +173,8 @@ def _eliminate(k: int, work: Any) -> None:
             imaginary = im[k, n, f] if n != k else nothing
             row[0, n, f] = _product((real, pivot), -(imaginary * nothing))
             row[1, n, f] = _product((real, nothing), imaginary * pivot)
-    # Number by number: a slice that is assigned takes seconds to compile, for its error message.
-    for n in range(len(re)):
-        for f in range(re.shape[2]):
-            re[n, k, f] = nothing
-            im[n, k, f] = nothing
-    for n in range(len(re)):
-        for f in range(re.shape[2]):
-            re[k, n, f] = row[0, n, f]
-            im[k, n, f] = row[1, n, f]
+    _replace(k, re, row[0])
+    _replace(k, im, row[1])
     for m in range(len(re)):
         for n in range(len(re)):
             for f in range(re.shape[2]):
@@ -191,6 +184,18 @@ def _eliminate(k: int, work: Any) -> None:
                 im[m, n, f] -= _product(
                     (column[0, m, f], row[1, n, f]), column[1, m, f] * row[0, n, f]
                 )
+
+
+@njit(error_model="numpy", nogil=True)
+def _replace(k: int, part: Any, row: Any) -> None:
+    """Write zeros into column k of matrices (M, M, F), and then a row (M, F) into row k."""
+    # Number by number: a slice that is assigned takes seconds to compile, for its error message.
+    for n in range(len(part)):
+        for f in range(part.shape[2]):
+            part[n, k, f] = np.float32(0.0)
+    for n in range(len(part)):
+        for f in range(part.shape[2]):
+            part[k, n, f] = row[n, f]
 
 
 @njit(error_model="numpy", nogil=True)
