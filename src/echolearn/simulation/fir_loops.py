@@ -125,7 +125,9 @@ def _filter_all(signals: Any, taps: Any, low: Any, ahead: int, share: Any, resul
     here = padded[before : before + length]
     slow = np.empty(length)
     for m in range(len(signals)):
-        here[:] = signals[m]
+        # Number by number: a slice that is assigned takes seconds to compile.
+        for n in range(length):
+            here[n] = signals[m, n]
         # The last tap is that of the present sample, or of one a little ahead.
         _filter(padded[before + ahead + 1 - len(low) :], low, slow)
         for n in range(length):

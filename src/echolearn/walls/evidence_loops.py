@@ -102,7 +102,9 @@ def _sum_exact(filters: Any, lines: Any) -> Any:
             nearest = np.float32(lines.low + first * lines.step - along)
             cos, sin = np.cos(filters.directions[t, p]), np.sin(filters.directions[t, p])
             cells = sums[t, first:after]
-            counts[t, first:after] += np.float32(1.0)
+            # Number by number: a slice that is assigned takes seconds to compile.
+            for j in range(first, after):
+                counts[t, j] += np.float32(1.0)
             for m in range(len(filters.microphones)):
                 x, y, z = filters.microphones[m]
                 toward = np.float32(x * cos + y * sin)
@@ -130,7 +132,9 @@ def _sum_tabled(table: Any, lines: Any) -> Any:
             first, after = _stretch(lines, along)
             nearest = lines.low - along - lines.nearest
             row = table.z[p, table.rows[t, p]]
-            counts[t, first:after] += np.float32(1.0)
+            # Number by number: a slice that is assigned takes seconds to compile.
+            for j in range(first, after):
+                counts[t, j] += np.float32(1.0)
             for j in range(first, after):
                 column = int(np.rint((nearest + j * lines.step) / table.step))
                 # A distance at the edge may be rounded beyond it.
