@@ -76,6 +76,8 @@ class Classifier(Protocol):
     Two further attributes are copied into a run's metrics where a classifier has them after `fit`:
     `cross_validation`, what a search over its own settings has found, and `device`, the torch
     device that trained it. TensorBoard draws `curves`, figures by step under a tag each.
+    A classifier that can begin from a filter that was trained before has `begin`, which is called
+    with that (`earlier.EarlierFilter`) before `fit`.
 
     Attributes:
         inputs: names of the columns it sees, in order, or of the one tensor; `inputs.view_of` tells

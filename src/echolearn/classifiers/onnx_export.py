@@ -26,7 +26,7 @@ from echolearn.checks import BadValue
 from echolearn.classifiers.calibration import Calibrated, Sigmoid
 from echolearn.classifiers.constants import Formula
 from echolearn.classifiers.inference import BLOCK, POSES, open_onnx
-from echolearn.classifiers.inputs import Inputs, block_rows, blocks_of, view_of
+from echolearn.classifiers.inputs import Inputs, block_rows, blocks_of, is_tensor, view_of
 from echolearn.classifiers.remarks import without_remarks
 from echolearn.localization.columns import STRIPS
 
@@ -120,7 +120,7 @@ def export_proved(fitted: Calibrated, x: Inputs) -> ProvedModel:
     Raises:
         RuntimeError: the difference exceeds `PARITY`.
     """
-    data = to_onnx(Confidence(fitted), shape=x.shape[1:], inputs=fitted.classifier.inputs)
+    data = _whole(fitted, x.shape[1:])
     score = open_onnx(data)
 
     # Rows of the set come first, then what no recording gives: robots meet both.
@@ -138,6 +138,19 @@ def export_proved(fitted: Calibrated, x: Inputs) -> ProvedModel:
             f"more than {PARITY:g}"
         )
     return ProvedModel(data, parity, trials)
+
+
+def _whole(fitted: Calibrated, shape: tuple[int, ...]) -> bytes:
+    """Return the file of a classifier whose inputs have a shape, that it looks behind included."""
+    earlier = getattr(fitted.classifier, "earlier", None)
+    seen = getattr(fitted.classifier, "seen", None)
+    if earlier is None or seen is None:
+        return to_onnx(Confidence(fitted), shape=shape, inputs=fitted.classifier.inputs)
+    from echolearn.classifiers.onnx_behind import behind
+
+    columns = None if is_tensor(earlier.inputs) else len(earlier.inputs)
+    plane = to_onnx(Confidence(fitted), shape=(seen,))
+    return behind(earlier, plane, columns=columns, shape=shape)
 
 
 def strange(x: Inputs, count: int) -> Iterator[Array]:

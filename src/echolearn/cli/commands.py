@@ -51,6 +51,7 @@ def _train(config: "Config") -> Path:
     """Train a classifier on the set of a plan, calibrate, export and evaluate it."""
     from echolearn.cli.config import build
     from echolearn.storage.identity import by_short_names
+    from echolearn.training.adapting import begun, earlier_filter
     from echolearn.training.split import LearningProblem
     from echolearn.training.train import train
     from echolearn.training.variants import variant_text
@@ -58,16 +59,26 @@ def _train(config: "Config") -> Path:
     classifier = _without(config["classifier"], config["without"])
     division = built(config, "target seed split test_share validation_share train_rows")
     dataset = open_set(config)
+    problem = LearningProblem(dataset, **division)
+    # Built only if it has to be trained, since its library takes seconds to load.
+    make = partial(build, classifier, "classifier")
+    about = by_short_names(classifier)
+    variant = variant_text(config.get("varied", {}))
+    if config["init"]:
+        told = built(config, "force") | {"runs": Path(config["runs"])}
+        earlier = earlier_filter(config["init"], problem, **told)
+        make = partial(begun, make, earlier)
+        about["init"] = earlier.told["sha256"]
+        variant = "-".join(filter(None, (variant_text({"from": earlier.classifier}), variant)))
     logger = config.get("logger")
     array = dataset.array or build(config["scene"]["array"], "scene.array")
     result = train(
-        LearningProblem(dataset, **division),
-        # Built only if it has to be trained, since its library takes seconds to load.
-        classifier=partial(build, classifier, "classifier"),
-        config=by_short_names(classifier),
+        problem,
+        classifier=make,
+        config=about,
         runs=Path(config["runs"]),
         microphones=array.positions,
-        variant=variant_text(config.get("varied", {})),
+        variant=variant,
         logger=partial(build, logger, "logger") if logger else None,
         **built(config, "name folds calibration aim without command"),
     )

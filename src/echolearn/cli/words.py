@@ -21,7 +21,7 @@ from echolearn.cli.config import Config, UsageError
 from echolearn.cli.own import folder
 from echolearn.storage.advice import assignment, shell, text_of
 
-TEXTS = frozenset("name runs survey bundle run best readme page scaling folder card".split())
+TEXTS = frozenset("name runs init survey bundle run best readme page scaling folder card".split())
 """Keys of names and paths, which take text even where their default is null."""
 
 NO_PAIR = "it is no key=value; are quotes around blanks missing?"

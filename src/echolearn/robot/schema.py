@@ -74,6 +74,15 @@ def check_microphones(name: str, value: Any) -> None:
 
 
 COUNT = partial(check_whole, low=1, high=10**12)
+ADAPTED: dict[str, Any] = {
+    "kind": ("bundle", "run"),
+    "name": check_text,
+    "sha256": check_text,
+    "data": [check_text],
+    "places": COUNT,
+}
+"""What a filter that was adapted says of the one that it began from."""
+
 ENTRY = {"bytes": COUNT, "sha256": check_text}
 SHARE = partial(check_number, low=0.0, high=1.0)
 FIGURE = dict.fromkeys(("value", "ci_low", "ci_high"), nullable(check_number))
@@ -146,7 +155,9 @@ def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
     hint = f"this echolearn reads schemas 2 to {WITH_REFERENCE}; update it or export again"
     check(known, "schema", schema, allowed=f"must be 2, {SCHEMA} or {WITH_REFERENCE}", hint=hint)
     about = {"command": None, **content, "schema": max(int(schema or 0), SCHEMA)}
-    check_plain("", about, table=REFERRING if schema == WITH_REFERENCE else TABLE)
+    table = REFERRING if schema == WITH_REFERENCE else TABLE
+    adapted = {"adapted_from": ADAPTED} if "adapted_from" in about else {}
+    check_plain("", about, table=table | adapted)
     # It is the one thing that has changed since then.
     if schema == 2:
         about["localizer"] = about["localizer"] | {"name": _short(about["localizer"]["name"])}

@@ -20,13 +20,16 @@ FOLDER = Path(__file__).parents[1] / "bundles"
 ALLOWED = "must be a folder that echolearn export wrote, or the name of a bundle"
 
 
-def find_bundle(given: str | Path, runs: Path, *, key: str = "bundle") -> Path:
+def find_bundle(
+    given: str | Path, runs: Path, *, key: str = "bundle", allowed: str = ALLOWED
+) -> Path:
     """Return the folder of a bundle that a path or a name stands for.
 
     Args:
         given: path of a folder, or a name.
         runs: folder of everything generated.
         key: what names it on the command line.
+        allowed: what may be named, for the message.
 
     Raises:
         BadValue: a name that no bundle has.
@@ -39,7 +42,7 @@ def find_bundle(given: str | Path, runs: Path, *, key: str = "bundle") -> Path:
     made = {place.parent.name for place in (Path(runs) / "bundles").glob(f"*/{BUNDLE}")}
     hint = f"known are {', '.join(sorted(made | {*digests()}))}"
     # A folder that is no bundle is refused by whoever reads it, who knows why.
-    check(bool(found) or path.exists(), key, given, allowed=ALLOWED, hint=hint)
+    check(bool(found) or path.exists(), key, given, allowed=allowed, hint=hint)
     return next(iter(found), path)
 
 

@@ -79,7 +79,7 @@ def bundle_description(
         "golden": schema.GOLDEN,
         "metrics": {"held_out": held_out_figures(run, dataset, resamples=resamples)},
         "versions": versions,
-    }
+    } | {key: run.metrics[key] for key in ("adapted_from",) if key in run.metrics}
 
 
 def rule_of(run: Run) -> str:

@@ -92,7 +92,17 @@ def facts_of(fitted: Calibrated) -> Metrics:
         "calibration": plain_calibration(fitted),
         "grid_search": getattr(model, "cross_validation", None),
         "accelerator": getattr(model, "device", "cpu"),
-    } | ({"edges": edges} if (edges := list(edges_of(model))) else {})
+    } | _where_there(edges=list(edges_of(model)), adapted_from=_origin(model))
+
+
+def _where_there(**facts: Any) -> Metrics:
+    return {key: value for key, value in facts.items() if value}
+
+
+def _origin(model: Classifier) -> Metrics:
+    """Return what a classifier tells of the filter that it began from; nothing if there is none."""
+    earlier = getattr(model, "earlier", None)
+    return dict(earlier.told) if earlier else {}
 
 
 def edges_of(model: Classifier) -> Iterator[str]:

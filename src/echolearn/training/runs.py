@@ -15,6 +15,7 @@ from typing import Any
 from echolearn.checks import BadValue, check, check_list, check_name, check_number, check_text
 from echolearn.evaluation.rows import Model
 from echolearn.localization.columns import EVERY_COLUMN, EVERY_TENSOR, SEVERAL, STRIPS
+from echolearn.robot.schema import ADAPTED
 from echolearn.storage import manifests
 from echolearn.storage.identity import digest
 from echolearn.storage.tables import check_plain
@@ -54,6 +55,7 @@ OPTIONAL: dict[str, Any] = {
     "train_rows": FIELDS["train_rows"],
     "without": check_input_names,
     "variant": check_name,
+    "adapted_from": ADAPTED,
 }
 """What is read where it is there: how a training differs from the usual one of its name."""
 
@@ -122,6 +124,12 @@ class Run:
     def data_digest(self) -> str:
         """Digest of the set it was trained on."""
         return self.metrics["data"]
+
+    @property
+    def learned_from(self) -> Sequence[str]:
+        """Digests of all sets that it has learned from, that of what it began from included."""
+        earlier = self.metrics.get("adapted_from", {})
+        return (self.data_digest, *earlier.get("data", ()))
 
     @property
     def threshold(self) -> float:

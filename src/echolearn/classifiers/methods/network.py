@@ -37,6 +37,8 @@ from echolearn.acoustics.types import Array
 from echolearn.checks import check, check_choice, check_fields
 from echolearn.classifiers.batches import BLOCK, Batches, WholeEpoch, source_of
 from echolearn.classifiers.classifier import Examples
+from echolearn.classifiers.earlier import EarlierFilter
+from echolearn.classifiers.going_on import go_on, learned_by
 from echolearn.classifiers.inputs import (
     VIEWS,
     Inputs,
@@ -85,6 +87,7 @@ class Network:
         monitor: validation figure that says which epoch is best, "loss" or "auc".
         device: torch's name of what has trained, after `fit`: cpu, cuda, mps.
         epochs_seen: number of epochs after which `fit` has stopped.
+        earlier: run that it is trained on from, if there is one.
     """
 
     inputs: tuple[str, ...]
@@ -99,6 +102,7 @@ class Network:
     monitor: str = "loss"
     device: str = field(init=False, repr=False)
     epochs_seen: int = field(init=False, repr=False)
+    earlier: EarlierFilter | None = field(default=None, init=False, repr=False)
     fitted: nn.Module = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -125,15 +129,28 @@ class Network:
         with seeded(0, accelerator="cpu"):
             self.net(shape)
 
+    def begin(self, earlier: EarlierFilter) -> Self:
+        """Train on from a run of the same network."""
+        same = earlier.learned is not None and earlier.inputs == self.inputs
+        hint = "classifier=logistic adapts any bundle or run"
+        allowed = "must be a run of this network with these inputs"
+        check(same, "init", earlier.told["name"], allowed=allowed, hint=hint)
+        self.earlier = earlier
+        return self
+
     def fit(self, examples: Examples) -> Self:
         """Train until the validation figure gets no better, and keep the best epoch."""
         rows = rows_of(examples.x, self.inputs)
         unseen, labels = examples.validation
+        learned = learned_by(self.earlier)
         # A recipe may know better what is alike in a row.
-        scale = getattr(self.net, "scale", standardiser)(rows)
+        scale = getattr(self.net, "scale", standardiser)(learned.rows if learned else rows)
         with seeded(examples.seed, accelerator=self.accelerator), without_remarks():
             best = examples.folder / "best.safetensors"
-            training = Training(self.net(rows.shape[1:]), self, best=best)
+            net = self.net(rows.shape[1:])
+            if self.earlier and learned:
+                go_on(net, scale, self.earlier, learned=learned)
+            training = Training(net, self, best=best)
             training.watch = examples.watch
             held_rows = rows_of(unseen, self.inputs)
             batches = Batches(
