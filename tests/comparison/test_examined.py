@@ -1,6 +1,7 @@
 """A comparison looked at closely: each warning by hand, exchanges, shifts, pictures made again."""
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,16 @@ def test_a_position_of_the_training_set_is_a_leak(comparison, world):
     )
     [leaky] = warnings.leaks(bare(trained("svm", "grid", 0.9, split="row")), {})
     assert (leaky.code, leaky.classifier, leaky.training) == ("W01", "svm", "grid (row split)")
+
+
+def test_a_set_that_an_adapted_filter_had_learned_from_is_a_leak(world):
+    """Of its own set a run is tested on held-out rows; of the earlier one nobody holds any out."""
+    model, [run] = trained("logistic", "grid", 0.9)
+    sets = {name: world.sets[name] for name in ("grid", "scattered")}
+    about = {"data": sets["grid"].digest, "adapted_from": {"data": [sets["scattered"].digest]}}
+    adapted = model, [replace(run, metrics={**run.metrics, **about})]
+    [found] = warnings.leaks(bare(adapted, sets=sets), {})
+    assert (found.code, found.classifier, found.tested_on) == ("W01", "logistic", "scattered")
 
 
 def told(classifier, difference, p, **more):

@@ -93,7 +93,10 @@ def leaks(comparison: Comparison, trained: Mapping[str, Path]) -> Iterator[Warne
         if model.split == "row" and model.full == model:
             message = "rows of one position stand on both sides of the split"
             yield Warned("W01", model.classifier, model.training, model.trained_on, 1, 0, message)
-    used = {run.data_digest for runs in comparison.models.values() for run in runs}
+    yield from _begun_on(comparison)
+    used = {
+        each for runs in comparison.models.values() for run in runs for each in run.learned_from
+    }
     for digest in sorted(used & {*trained}):
         training = Dataset(trained[digest])
         known = {*places(training)}
@@ -104,6 +107,17 @@ def leaks(comparison: Comparison, trained: Mapping[str, Path]) -> Iterator[Warne
             if share > 0:
                 message = f"{share:.1%} of its rows are at positions of the training set"
                 yield Warned("W01", "", training.name, name, share, 0, message)
+
+
+def _begun_on(comparison: Comparison) -> Iterator[Warned]:
+    """Yield W01: sets that the filters had learned from of which others were adapted."""
+    for model, runs in comparison.models.items():
+        # Of its own set a run is tested on the rows that it held out; of these on all.
+        earlier = {each for run in runs for each in run.learned_from[1:]}
+        for name, dataset in comparison.sets.items():
+            if dataset.digest in earlier:
+                message = "the filter that it was adapted from has learned from this set"
+                yield Warned("W01", model.classifier, model.training, name, 1, 0, message)
 
 
 def places(dataset: Dataset) -> list[bytes]:

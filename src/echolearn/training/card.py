@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from echolearn.checks import check
+from echolearn.dataset.labelled_set import RECORDED as RECORDED_SET
 from echolearn.evaluation.rows import PAPER, pick
 from echolearn.storage import manifests
 
@@ -53,8 +54,7 @@ PAGE = """# {name}
 | sees | {columns} |
 | an echo is kept from | {threshold:.3f} ({chosen}) |
 | trained on | `{plan}`, {rows} rows, digest `{digest}`, seed {seed} |
-{ranges}
-| made by | `{command}` |
+{ranges}| made by | `{command}` |
 | SHA-256 of the model | `{sha256}` |
 
 ## What it is worth
@@ -70,14 +70,21 @@ At {held_out} held-out rows of its own set, by its label, with 95 % intervals ov
 
 - For this array and burst alone: what it sees depends on where the microphones are. `map` refuses
   others.
-- Walls nearer or farther than the window, and rooms, reverberation and noise outside the ranges
-  above, were not learned. The rooms were boxes.
-- The cut was chosen on simulated rows with their share of true echoes: where fewer are true, less
-  of what is kept is. The tables say by how much on other sound.
+{learned}
 - Figures on measured sound, if a table has any, are of the same recipe, trained for the array that
   measured. Without such a table, what it is worth there is not known.
 """
 """The page, with places for what differs from bundle to bundle."""
+
+SIMULATED = """- Walls nearer or farther than the window, and rooms, reverberation and noise outside the ranges
+  above, were not learned. The rooms were boxes.
+- The cut was chosen on simulated rows with their share of true echoes: where fewer are true, less
+  of what is kept is. The tables say by how much on other sound."""
+RECORDED = """- It was fitted to recordings of the places of that set. Rooms, loudspeakers and noise that are
+  not heard in them were not learned.
+- Its figures, calibration and cut come from few places, and all from the same recordings: the
+  intervals say how little that may be. Where fewer echoes are true, less of what is kept is."""
+"""What was not learned, by what the training set is."""
 
 
 def card(about: Mapping[str, Any], *, plan: Mapping[str, Any], evidence: Sequence[Path]) -> str:
@@ -105,12 +112,21 @@ def card(about: Mapping[str, Any], *, plan: Mapping[str, Any], evidence: Sequenc
         columns=", ".join(f"`{each['name']}`" for each in about["columns"]),
         threshold=threshold["value"],
         chosen=threshold["chosen"],
-        ranges="\n".join(_ranges(plan)),
+        ranges="".join(f"{line}\n" for line in (*_origin(about), *_ranges(plan))),
+        learned=RECORDED if plan.get("kind") == RECORDED_SET else SIMULATED,
         sha256=about["files"]["model.onnx"]["sha256"],
         held_out=held_out["rows"],
         figures="\n".join(f"| {_words(name)} | {_shown(each)} |" for name, each in figures),
         evidence="\n".join(line for folder in evidence for line in _evidence(about, folder)),
     )
+
+
+def _origin(about: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a line about the filter that was adapted, if one was."""
+    earlier = about.get("adapted_from")
+    if earlier:
+        name = f"the {earlier['kind']} `{earlier['name']}`, SHA-256 `{earlier['sha256']}`"
+        yield f"| adapted from | {name}, at {earlier['places']} places |"
 
 
 def _ranges(plan: Mapping[str, Any]) -> Iterator[str]:

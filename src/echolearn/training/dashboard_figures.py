@@ -59,7 +59,7 @@ def filtered_map(dataset: Dataset, rows: Array, *, confidence: Array, cut: float
         cut: least confidence that is kept.
 
     Returns:
-        The figure; None for a set whose records have no place in a room, or no known array.
+        The figure; None for a set whose records have no place in a known room, or no known array.
     """
     array = dataset.array
     if array is None or not dataset.holds(PLACED):
@@ -68,6 +68,8 @@ def filtered_map(dataset: Dataset, rows: Array, *, confidence: Array, cut: float
     toa, azimuth, elevation, position, heading, room = (
         dataset.gather(name, rows) for name in PLACED
     )
+    if not room[:, :2].all():
+        return None
     points = wall_points(toa, azimuth, elevation, position=position, heading=heading, array=array)
     # Rooms of several sizes are laid on each other: each one's walls are at 0 and 1.
     alike = bool((room == room[0]).all())
