@@ -13,9 +13,10 @@ import pytest
 
 import echolearn
 from echolearn.checks import BadValue
-from echolearn.cli.commands import COMMANDS, _plan_of, _without
+from echolearn.cli.commands import COMMANDS, _plan_of
 from echolearn.cli.compose import compose
 from echolearn.cli.config import build
+from echolearn.cli.keys import without_inputs
 from echolearn.cli.main import main
 from echolearn.cli.own import folder
 from echolearn.dataset.generate import folder_of
@@ -376,14 +377,14 @@ def test_output_that_nobody_reads_is_no_success(words):
 
 def test_columns_are_left_out_of_a_classifiers_configuration():
     given = {"_target_": "x", "inputs": ["score", "joint", "toa"]}
-    assert _without(given, []) == given
-    assert _without(given, ["joint"]) == given | {"inputs": ["score", "toa"]}
+    assert without_inputs(given, []) == given
+    assert without_inputs(given, ["joint"]) == given | {"inputs": ["score", "toa"]}
     for columns, message in (
         (["power"], r"^without=\['power'\]: must be some of score, joint, toa"),
         (["toa", "joint", "score"], "must leave one at least of score"),
     ):
         with pytest.raises(BadValue, match=message):
-            _without(given, columns)
+            without_inputs(given, columns)
 
 
 def test_a_plan_is_composed_again_for_a_set_that_was_made_here(tmp_path, monkeypatch):

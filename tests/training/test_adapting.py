@@ -15,7 +15,7 @@ from echolearn.classifiers.classifier import Examples
 from echolearn.classifiers.constants import Formula
 from echolearn.classifiers.earlier import EarlierFilter
 from echolearn.classifiers.inference import open_onnx
-from echolearn.classifiers.methods.logistic import FREE, Logistic
+from echolearn.classifiers.methods.adapted import FREE, Adapted
 from echolearn.classifiers.methods.network import Network
 from echolearn.classifiers.onnx_behind import behind
 from echolearn.classifiers.onnx_export import export_proved, to_onnx
@@ -67,7 +67,7 @@ def learned(model, shape, folder, *, rows=120, told=2.0):
 
 def test_columns_and_logit_are_looked_at_together_and_exported_as_one_file(tmp_path):
     """The oracle is the formula by hand, on what the earlier filter says."""
-    model = Logistic(["peak_to_rms", "score"]).begin(old(("toa", "power"), (2,)))
+    model = Adapted(["peak_to_rms", "score"]).begin(old(("toa", "power"), (2,)))
     assert model.inputs == ("toa", "power", "peak_to_rms", "score") and model.seen == 5
     fitted = learned(model, (4,), tmp_path)
     x, y = drawn((4,), seed=2, rows=300)
@@ -86,7 +86,7 @@ def test_columns_and_logit_are_looked_at_together_and_exported_as_one_file(tmp_p
 
 
 def test_few_rows_and_a_large_penalty_leave_the_earlier_filter(tmp_path):
-    model = Logistic(["peak_to_rms", "score"], penalties=[1e4]).begin(old(("toa", "power"), (2,)))
+    model = Adapted(["peak_to_rms", "score"], penalties=[1e4]).begin(old(("toa", "power"), (2,)))
     learned(model, (4,), tmp_path, rows=12)
     assert abs(model.weight[-1]) > FREE * abs(model.weight[:-1]).max()
     x, _ = drawn((4,), seed=2)
@@ -100,7 +100,7 @@ def test_validation_rows_choose_the_penalty(tmp_path):
     found = {}
     for told in (2.0, -2.0):
         held = drawn((2,), seed=1, told=told)
-        model = Logistic(["toa", "score"]).fit(
+        model = Adapted(["toa", "score"]).fit(
             Examples(x, y, np.arange(40), held, folder=tmp_path, seed=0)
         )
         found[told] = model.cross_validation["penalty"]
@@ -109,7 +109,7 @@ def test_validation_rows_choose_the_penalty(tmp_path):
 
 def test_of_a_filter_that_sees_a_tensor_the_logit_alone_is_looked_at(tmp_path):
     earlier = old(("covariance",), (3, 4))
-    model = Logistic(["toa", "score"]).begin(earlier)
+    model = Adapted(["toa", "score"]).begin(earlier)
     assert model.inputs == ("covariance",) and model.seen == 1
     fitted = learned(model, (3, 4), tmp_path)
     x, _ = drawn((3, 4), seed=2, rows=50)
@@ -132,7 +132,7 @@ def test_a_file_of_other_operators_and_penalties_below_zero_are_refused(tmp_path
         behind(newer, plane, columns=2, shape=(2,))
     for wrong in ([], [-1.0], ["much"]):
         with pytest.raises(BadValue, match="classifier.penalties="):
-            Logistic(["toa"], penalties=wrong)
+            Adapted(["toa"], penalties=wrong)
 
 
 # ---------------------------------------------------------------- the command
@@ -166,7 +166,7 @@ def adapt(place, init, *words, name="offgrid_hall"):
 def adapted(place, bundled):
     """Return the run of the bundle adapted to the set off the grid."""
     assert adapt(place, bundled) == 0
-    [run] = (place / "train").glob("logistic-offgrid_hall-s0-*")
+    [run] = (place / "train").glob("adapted-offgrid_hall-s0-*")
     return read_run(run)
 
 
@@ -177,7 +177,7 @@ def test_a_bundle_is_adapted_to_a_run_like_any_other(world, place, bundled, adap
     places = len(np.unique(world.sets["offgrid_hall"]["group"]))
     wanted = {"kind": "bundle", "name": bundled, "sha256": about["sha256"], "data": [trained]}
     assert told == {**wanted, "places": places}
-    assert adapted.model.classifier == f"logistic-from_{bundled}"
+    assert adapted.model.classifier == f"adapted-from_{bundled}"
     assert adapted.learned_from == (world.sets["offgrid_hall"].digest, trained)
     trees = CLASSIFIERS["trees_features"]["inputs"]
     assert [*adapted.inputs[: len(trees)]] == trees and len(adapted.inputs) > len(trees)
@@ -191,7 +191,7 @@ def test_the_same_command_keeps_it_and_another_filter_makes_another(place, bundl
     assert adapt(place, bundled) == 0
     assert (adapted.folder / "metrics.json").stat() == before
     assert adapt(place, "trees_features-scattered") == 0
-    [other] = (place / "train").glob("logistic-*from_trees_features-*")
+    [other] = (place / "train").glob("adapted-*from_trees_features-*")
     told = read_run(other).metrics["adapted_from"]
     assert told["kind"] == "run" and told["name"].startswith("trees_features-scattered-s0-")
 
@@ -232,7 +232,7 @@ def test_few_places_are_refused_in_a_line_unless_they_are_forced(
     {
         ("init=nobody",): "init=nobody: must be the folder of a bundle or a run, or the name of",
         ("split=row",): "split=row: must be position where a filter is adapted",
-        ("classifier=svm_pair",): "classifier=svm: must be logistic, or the network whose run",
+        ("classifier=svm_pair",): "classifier=svm: must be adapted, or the network whose run",
         ("classifier=mlp_pair",): "init=small: must be a run of this network with these inputs",
     }.items(),
 )

@@ -23,7 +23,7 @@ def learned_by(earlier: EarlierFilter | None) -> Learned | None:
     return None if earlier is None or earlier.learned is None else earlier.learned()
 
 
-def go_on(net: nn.Module, scale: nn.Module, earlier: EarlierFilter, *, learned: Learned) -> None:
+def go_on(net: nn.Module, *, scale: nn.Module, earlier: EarlierFilter, learned: Learned) -> None:
     """Give a network the weights of its run.
 
     Args:

@@ -24,6 +24,7 @@ from echolearn.cli.keys import (
     path_of,
     recorded_survey,
     walk_cells,
+    without_inputs,
 )
 from echolearn.cli.tuning import tune_classifier
 
@@ -56,7 +57,7 @@ def _train(config: "Config") -> Path:
     from echolearn.training.train import train
     from echolearn.training.variants import variant_text
 
-    classifier = _without(config["classifier"], config["without"])
+    classifier = without_inputs(config["classifier"], config["without"])
     division = built(config, "target seed split test_share validation_share train_rows")
     dataset = open_set(config)
     problem = LearningProblem(dataset, **division)
@@ -83,24 +84,6 @@ def _train(config: "Config") -> Path:
         **built(config, "name folds calibration aim without command"),
     )
     return Path(config["runs"]) / "train" / str(result["run"])
-
-
-def _without(classifier: "Config", columns: list[str]) -> "Config":
-    """Return a classifier's configuration without some of its inputs.
-
-    Raises:
-        BadValue: one that it does not have, or all of them.
-    """
-    from echolearn.checks import check, check_list
-
-    check_list("without", columns)
-    inputs = list(classifier["inputs"])
-    unknown = [name for name in columns if name not in inputs]
-    check(not unknown, "without", unknown, allowed=f"must be some of {', '.join(inputs)}")
-    left = [name for name in inputs if name not in columns]
-    allowed = f"must leave one at least of {', '.join(inputs)}"
-    check(bool(left), "without", columns, allowed=allowed)
-    return {**classifier, "inputs": left}
 
 
 def _survey(config: "Config") -> Path:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from echolearn.checks import BadValue, suggest
 from echolearn.cli.config import Config, UsageError
-from echolearn.cli.names import plan_of_folder, with_logistic
+from echolearn.cli.names import plan_of_folder, with_adapted
 from echolearn.cli.own import folder, folders, teach_hydra
 from echolearn.cli.searches import is_searched, space_of
 from echolearn.cli.targets import TARGET
@@ -77,7 +77,7 @@ def compose(
             searched = [word for word in words if tuned and is_searched(_parse(word))]
             others = [word for word in words if word not in searched]
             for swept, typed in _expand(others, many=many):
-                job = with_logistic(plan_of_folder(typed))
+                job = with_adapted(plan_of_folder(typed))
                 config = _configuration(primary or command, job, resolve=resolve)
                 told: Config = {"command": command_of(command, [*job, *searched], primary=primary)}
                 if searched:

@@ -108,6 +108,24 @@ def built(config: "Config", keys: str, *, prefix: str = "") -> "Config":
     return {key: build(config[key], f"{prefix}{key}") for key in keys.split()}
 
 
+def without_inputs(classifier: "Config", columns: list[str]) -> "Config":
+    """Return a classifier's configuration without some of its inputs.
+
+    Raises:
+        BadValue: one that it does not have, or all of them.
+    """
+    from echolearn.checks import check, check_list
+
+    check_list("without", columns)
+    inputs = list(classifier["inputs"])
+    unknown = [name for name in columns if name not in inputs]
+    check(not unknown, "without", unknown, allowed=f"must be some of {', '.join(inputs)}")
+    left = [name for name in inputs if name not in columns]
+    allowed = f"must leave one at least of {', '.join(inputs)}"
+    check(bool(left), "without", columns, allowed=allowed)
+    return {**classifier, "inputs": left}
+
+
 def path_of(text: str | None) -> Path | None:
     """Return a path, or None where nothing is named."""
     return Path(text) if text else None

@@ -105,14 +105,14 @@ def plan_of_folder(words: Sequence[str]) -> list[str]:
     return [*words[:index], *own, *words[index + 1 :]]
 
 
-def with_logistic(words: Sequence[str]) -> list[str]:
+def with_adapted(words: Sequence[str]) -> list[str]:
     """Return words; those that adapt a filter, `init=`, and choose no classifier with a regression.
 
     A filter that is adapted has been chosen already, so the usual classifier is not meant.
     """
     typed = {word.partition("=")[0]: text_of(word.partition("=")[2]) for word in words}
     adapts = typed.get("init", "null") not in ("", "null")
-    return [*words, "classifier=logistic"] if adapts and "classifier" not in typed else [*words]
+    return [*words, "classifier=adapted"] if adapts and "classifier" not in typed else [*words]
 
 
 def as_one_text(word: str) -> str:

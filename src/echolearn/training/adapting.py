@@ -147,7 +147,7 @@ def begun(make: Callable[[], Any], earlier: EarlierFilter) -> Classifier:
         BadValue: a classifier that cannot.
     """
     model = make()
-    allowed = "must be logistic, or the network whose run init is"
+    allowed = "must be adapted, or the network whose run init is"
     able = hasattr(model, "begin")
     check(able, "classifier", type(model).__name__.lower(), allowed=allowed, hint="leave it out")
     found: Classifier = model.begin(earlier)

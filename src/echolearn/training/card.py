@@ -76,11 +76,13 @@ At {held_out} held-out rows of its own set, by its label, with 95 % intervals ov
 """
 """The page, with places for what differs from bundle to bundle."""
 
-SIMULATED = """- Walls nearer or farther than the window, and rooms, reverberation and noise outside the ranges
+SIMULATED = """\
+- Walls nearer or farther than the window, and rooms, reverberation and noise outside the ranges
   above, were not learned. The rooms were boxes.
 - The cut was chosen on simulated rows with their share of true echoes: where fewer are true, less
   of what is kept is. The tables say by how much on other sound."""
-RECORDED = """- It was fitted to recordings of the places of that set. Rooms, loudspeakers and noise that are
+RECORDED = """\
+- It was fitted to recordings of the places of that set. Rooms, loudspeakers and noise that are
   not heard in them were not learned.
 - Its figures, calibration and cut come from few places, and all from the same recordings: the
   intervals say how little that may be. Where fewer echoes are true, less of what is kept is."""

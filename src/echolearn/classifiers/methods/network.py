@@ -132,7 +132,7 @@ class Network:
     def begin(self, earlier: EarlierFilter) -> Self:
         """Train on from a run of the same network."""
         same = earlier.learned is not None and earlier.inputs == self.inputs
-        hint = "classifier=logistic adapts any bundle or run"
+        hint = "classifier=adapted adapts any bundle or run"
         allowed = "must be a run of this network with these inputs"
         check(same, "init", earlier.told["name"], allowed=allowed, hint=hint)
         self.earlier = earlier
@@ -149,7 +149,7 @@ class Network:
             best = examples.folder / "best.safetensors"
             net = self.net(rows.shape[1:])
             if self.earlier and learned:
-                go_on(net, scale, self.earlier, learned=learned)
+                go_on(net, scale=scale, earlier=self.earlier, learned=learned)
             training = Training(net, self, best=best)
             training.watch = examples.watch
             held_rows = rows_of(unseen, self.inputs)

@@ -34,7 +34,7 @@ FREE = 10.0
 
 
 @dataclass
-class Logistic:
+class Adapted:
     """A plane in columns and a logit.
 
     Attributes:
