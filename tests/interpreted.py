@@ -25,6 +25,45 @@ def interpret(
         patch.setattr(module, name, instead)
 
 
+AT_ONCE = 4
+
+
+def lanes_at(place):
+    """Return numbers of a flat array, as `lanes.lanes_at`."""
+    array, at = place
+    return array[at : at + AT_ONCE].copy()
+
+
+def parts_at(place):
+    """Return real and imaginary parts, as `lanes.parts_at`."""
+    found = lanes_at(place)
+    return found.real, found.imag
+
+
+def write_lanes(written):
+    """Write numbers, as `lanes.write_lanes`."""
+    array, at, lanes = written
+    array[at : at + AT_ONCE] = lanes
+
+
+def fused_lanes(numbers):
+    """Return a b + c, as `lanes.fused`."""
+    return np.array(list(map(fused, zip(*numbers, strict=True))))
+
+
+LANES = {
+    "WIDTH": AT_ONCE,
+    "wide": lambda: None,
+    "no_lanes": lambda: np.zeros(AT_ONCE, np.float32),
+    "lanes_at": lanes_at,
+    "parts_at": parts_at,
+    "write_lanes": write_lanes,
+    "fused": fused_lanes,
+    "fused_less": lambda numbers: fused_lanes((-numbers[0], *numbers[1:])),
+}
+"""Python for what `acoustics.lanes` writes as instructions, of so few numbers at once."""
+
+
 def fused(numbers: tuple[np.float32, np.float32, np.float32]) -> np.float32:
     """Return a b + c, as `covariance_loops._fma`: of float32 the product is exact in double."""
     first, second, added = map(float, numbers)

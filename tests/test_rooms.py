@@ -34,8 +34,10 @@ OWNERS = {
     "torch": ["classifiers", "training", "simulation", "dataset"],
     "onnx": ["bench", "classifiers"],
     "onnxruntime": ["classifiers", "robot"],
-    "pyroomacoustics llvmlite": ["simulation"],
-    "numba": ["simulation", "localization", "walls"],
+    "pyroomacoustics": ["simulation"],
+    # In `acoustics` by what compiled loops alone import.
+    "llvmlite": ["acoustics", "simulation"],
+    "numba": ["acoustics", "localization", "simulation", "walls"],
     "soundfile": ["survey", "simulation"],
     "rir_generator": ["bench"],
     "optuna": ["training"],

@@ -12,7 +12,7 @@ import reference
 from echolearn.acoustics.types import Observation, Probe
 from echolearn.bench import equations
 from echolearn.localization import beamforming, covariance_loops
-from interpreted import fused, interpret
+from interpreted import LANES, fused, interpret
 from reference import RATE, RING, loops
 
 SIZE = st.integers(1, 8)
@@ -88,8 +88,8 @@ def test_compiled_inverses_are_those_of_each_matrix(microphones):
 
 
 def test_as_python_the_loops_are_sums_over_frames_and_inverses(monkeypatch):
-    """Blocks of four bins, so that the last one is not full."""
-    interpret(covariance_loops, monkeypatch, _fma=fused, BLOCK=4)
+    """Four of the six bins at once, so that the last four are not all new."""
+    interpret(covariance_loops, monkeypatch, _fma=fused, BLOCK=4, **LANES)
     rng = np.random.default_rng(3)
     recording, window = rng.standard_normal((2, 25)), rng.uniform(size=10)
     spectra = np.fft.rfft(covariance_loops.frames(recording, window)).astype(np.complex64)

@@ -5,6 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from echolearn.cli.compose import compose
 from echolearn.cli.config import build
@@ -12,7 +13,7 @@ from echolearn.cli.own import folder
 from echolearn.simulation import normal_loops
 from echolearn.simulation.noise.fixed import Fixed
 from echolearn.simulation.noise.white import White
-from echolearn.simulation.normal_loops import noisy_recording, standard_normal
+from echolearn.simulation.normal_loops import coloured, noisy_recording, standard_normal
 from echolearn.survey import audio
 from interpreted import interpret, upper
 from reference import RATE
@@ -112,13 +113,28 @@ def test_as_python_the_loop_draws_what_numpy_draws(seed, monkeypatch):
     assert ours.bit_generator.state == theirs.bit_generator.state
 
 
-def test_as_python_the_loop_sums_the_parts_of_a_recording(monkeypatch):
+def test_as_python_the_loops_sum_the_parts_of_a_recording_and_colour_noise(monkeypatch):
     interpret(normal_loops, monkeypatch)
     test_a_recording_is_the_sum_of_its_parts()
+    test_noise_is_coloured_as_by_scipy()
 
 
 def test_a_recording_is_the_sum_of_its_parts():
     rng = np.random.default_rng(5)
     received, direct, noise = rng.standard_normal((3, 2, 50))
     expected = (received - direct + noise) * 0.3
+    out = np.empty_like(noise)
+    assert np.array_equal(
+        noisy_recording(received, direct, noise=noise, gain=0.3, out=out), expected
+    )
+    assert np.array_equal(out, expected)
     assert np.array_equal(noisy_recording(received, direct, noise=noise, gain=0.3), expected)
+
+
+def test_noise_is_coloured_as_by_scipy():
+    """To the last bit: one microphone waits for no other."""
+    rng = np.random.default_rng(6)
+    white, before = rng.standard_normal((3, 50)), rng.standard_normal((3, 1))
+    expected, _ = lfilter([0.7, -0.2], [1.0, -0.9], white, zi=before)
+    found = coloured(white.copy(), before.copy(), falls=0.9, taps=(0.7, -0.2))
+    assert np.array_equal(found, expected)

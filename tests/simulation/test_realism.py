@@ -26,7 +26,7 @@ from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
 from echolearn.simulation.ways import free_path, ways_out
 from echolearn.storage.identity import plain
-from interpreted import interpret
+from interpreted import LANES, interpret
 from refusals import refused
 
 RATE = 22050.0
@@ -305,7 +305,7 @@ def test_compiled_filters_are_convolutions(taps):
 
 
 def test_as_python_the_loops_filter_add_and_take_away(monkeypatch):
-    interpret(fir_loops, monkeypatch, BLOCK=8)
+    interpret(fir_loops, monkeypatch, BLOCK=8, wide=LANES["wide"])
     assert_filters_are_convolutions(11, length=21, low=np.array([0.25, 0.5, 0.25]))
 
     # Two arrivals, of which the first begins before the response and the second ends after it.

@@ -126,12 +126,12 @@ def convolve(samples: Array, response: Array, *, length: int, skip: int = 0) -> 
 def burst_spectrum(samples: Array, size: int) -> Array:
     """Return the spectrum of a burst (L,) of float64, padded to `size`; those used last are kept.
 
-    All rows of a set share one.
+    All rows of a set share one, in rooms of other reverberation one for each of some fifty sizes.
     """
     return _burst_spectrum(samples.tobytes(), size)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _burst_spectrum(samples: bytes, size: int) -> Array:
     return fft.rfft(np.frombuffer(samples), size)
 

@@ -105,8 +105,13 @@ def recordings_of(plan: Plan, rows: range) -> tuple[Observation, list[Spot]]:
         if own or not spots or spot.group != spots[-1].group:
             check_inside(spot.room, spot.pose, array=scene.array)
             received = real.received(spot.room, spot.pose)
-        samples[number] = add_noise(
-            received, real, levels=spot.levels, rng=rng, gain_db=spot.gain_db
+        add_noise(
+            received,
+            real,
+            levels=spot.levels,
+            rng=rng,
+            gain_db=spot.gain_db,
+            out=samples[number],
         )
         spots.append(spot)
 

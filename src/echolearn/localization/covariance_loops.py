@@ -12,8 +12,8 @@ roundings of NumPy's complex product where the processor multiplies and adds at 
 
     re = fma(re_a, re_b, -(im_a im_b)),     im = fma(re_a, im_b, im_a re_b).
 
-Numba takes a third of a second to import, and a process
-that has it cannot be forked, so only who has it already uses this: simulations do.
+Numba takes a third of a second to import, and a process that has it cannot be forked, so only who
+has it already uses this: simulations do.
 """
 
 from contextlib import suppress
@@ -24,10 +24,20 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from echolearn.acoustics.lanes import (
+    WIDTH,
+    fused,
+    fused_less,
+    lanes_at,
+    no_lanes,
+    parts_at,
+    wide,
+    write_lanes,
+)
 from echolearn.acoustics.types import Array
 
 BLOCK = 112
-"""Bins whose spectra stay in the processor's cache while all pairs of microphones are summed."""
+"""Bins whose matrices stay in the processor's cache while they are inverted."""
 
 
 def frames(recording: Array, window: Array) -> Array:
@@ -40,7 +50,7 @@ def frames(recording: Array, window: Array) -> Array:
 
 
 def frames_covariance(spectra: Array) -> Array:
-    """Return R from spectra (M, T, F), complex64, shape (F, M, M), complex64."""
+    """Return R from spectra (M, T, F), complex64, F at least `WIDTH`: (F, M, M), complex64."""
     microphones, count, bins = spectra.shape
     means = np.empty((bins, microphones, microphones), np.complex64)
     _sum(spectra, means)
@@ -100,36 +110,58 @@ def _share(total: Any, count: Any) -> Any:
     return complex((re + im * nothing) * part, (im - re * nothing) * part)
 
 
-@njit(error_model="numpy", nogil=True, fastmath={"contract"})
+@njit(error_model="numpy", nogil=True)
 def _sum(spectra: Any, means: Any) -> None:
     """Write the means over frames; see `frames_covariance`."""
+    wide()  # type: ignore[call-arg]
     microphones, count, bins = spectra.shape
-    re = np.zeros((microphones, count, BLOCK), np.float32)
-    im = np.zeros((microphones, count, BLOCK), np.float32)
-    sums = np.empty((3, BLOCK), np.float32)
-    for first in range(0, bins, BLOCK):
-        used = min(BLOCK, bins - first)
-        for m in range(microphones):
-            for t in range(count):
-                for f in range(used):
-                    re[m, t, f] = spectra[m, t, first + f].real
-                    im[m, t, f] = spectra[m, t, first + f].imag
+    flat = spectra.ravel()
+    re = np.empty(microphones * count * WIDTH, np.float32)
+    im = np.empty(microphones * count * WIDTH, np.float32)
+    sums = np.empty(3 * WIDTH, np.float32)
+    for block in range(0, bins, WIDTH):
+        # The last ones overlap those before, so that all are whole.
+        first = min(block, bins - WIDTH)
+        for row in range(microphones * count):
+            parts: Any = parts_at((flat, row * bins + first))
+            write_lanes((re, row * WIDTH, parts[0]))
+            write_lanes((im, row * WIDTH, parts[1]))
         # Of (m, n) and (n, m) the real parts are one, while the imaginary ones are rounded apart.
         for m in range(microphones):
             for n in range(m, microphones):
-                sums[:] = 0.0
-                for t in range(count):
-                    for f in range(BLOCK):
-                        # One product after the other goes into a sum, unrounded.
-                        real = sums[0, f] + im[m, t, f] * im[n, t, f]
-                        here = sums[1, f] + im[m, t, f] * re[n, t, f]
-                        back = sums[2, f] + im[n, t, f] * re[m, t, f]
-                        sums[0, f] = real + re[m, t, f] * re[n, t, f]
-                        sums[1, f] = here - re[m, t, f] * im[n, t, f]
-                        sums[2, f] = back - re[n, t, f] * im[m, t, f]
-                for f in range(used):
-                    means[first + f, m, n] = _share((sums[0, f], sums[1, f]), count)
-                    means[first + f, n, m] = _share((sums[0, f], sums[2, f]), count)
+                _sum_products((re, im, m * count, n * count, count), sums)
+                for f in range(WIDTH):
+                    means[first + f, m, n] = _share((sums[f], sums[WIDTH + f]), count)
+                    means[first + f, n, m] = _share((sums[f], sums[2 * WIDTH + f]), count)
+
+
+@njit(error_model="numpy", nogil=True)
+def _sum_products(given: Any, sums: Any) -> None:
+    """Write the sums over frames of Y_m conj(Y_n): real, imaginary, and that of Y_n conj(Y_m).
+
+    Args:
+        given: real and imaginary parts of the spectra, flat; rows, of `WIDTH` bins each, where
+            frames of microphones m and n begin, and the number of frames.
+        sums: room for 3 times `WIDTH`, flat.
+    """
+    res, ims, first_m, first_n, count = given
+    wide()  # type: ignore[call-arg]
+    real: Any = no_lanes()
+    here = real
+    back = real
+    # One product after the other goes into a sum, unrounded, and the sums stay in registers.
+    for t in range(count):
+        at = (first_m + t) * WIDTH
+        there = (first_n + t) * WIDTH
+        re_m: Any = lanes_at((res, at))
+        im_m: Any = lanes_at((ims, at))
+        re_n: Any = lanes_at((res, there))
+        im_n: Any = lanes_at((ims, there))
+        real = fused((re_m, re_n, fused((im_m, im_n, real))))
+        here = fused_less((re_m, im_n, fused((im_m, re_n, here))))
+        back = fused_less((re_n, im_m, fused((im_n, re_m, back))))
+    for part, lanes in enumerate((real, here, back)):
+        write_lanes((sums, part * WIDTH, lanes))
 
 
 @njit(error_model="numpy", nogil=True)

@@ -32,6 +32,9 @@ MMAP_THRESHOLD = -3
 TRIM_THRESHOLD = -1
 """Numbers of two settings in glibc's malloc.h."""
 
+SELDOM = 100_000
+"""Objects made, beyond those that are gone, until the collector looks for rings of them."""
+
 LARGE = 1 << 30
 """Value of both, in bytes, that no array reaches."""
 
@@ -99,8 +102,10 @@ def keep_memory() -> None:
     """Let this process keep the memory of arrays that it frees for those to come.
 
     Else the system takes it back and has to clear it anew for each block of observations, a tenth
-    of all the time.
+    of all the time. Objects that refer to each other, which such work hardly makes, are sought
+    seldom: looking through all that numba has made takes another thirtieth.
     """
+    gc.set_threshold(SELDOM)
     library = ctypes.CDLL(None)
     if sys.platform == "linux" and hasattr(library, "mallopt"):
         library.mallopt(MMAP_THRESHOLD, LARGE)

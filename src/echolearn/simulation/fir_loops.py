@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from echolearn.acoustics.lanes import wide
 from echolearn.acoustics.types import Array
 
 BLOCK = 512
@@ -98,6 +99,7 @@ def _backwards(taps: Array) -> Array:
 @njit(error_model="numpy", nogil=True, fastmath={"contract"})
 def _filter(padded: Any, taps: Any, result: Any) -> None:
     """Write result(n) = sum over j of taps(j) padded(n + j)."""
+    wide()  # type: ignore[call-arg]
     for start in range(0, len(result), BLOCK):
         block = result[start : start + BLOCK]
         block[:] = 0.0

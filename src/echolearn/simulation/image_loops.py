@@ -27,6 +27,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
+from echolearn.acoustics.lanes import wide
 from echolearn.acoustics.types import Array
 
 HALF_WIDTH = 40
@@ -42,7 +43,7 @@ STEP_BITS = 7
 STEPS = 1 << STEP_BITS
 """Rows in the table of psi, for one sample of the grid."""
 
-BLOCK = 512
+BLOCK = 1024
 """Samples of a response that stay in the processor's cache while all taps of q pass over them."""
 
 
@@ -180,6 +181,7 @@ def _spread(grid: Any, axes: Any, table: Any, reach: Any) -> None:
 @njit(error_model="numpy", nogil=True, fastmath={"contract"})
 def _filter_down(grid: Any, q: Any, response: Any) -> None:
     """Write response(n) = sum over j of q(j) grid(2 n + j)."""
+    wide()  # type: ignore[call-arg]
     # Even and odd samples apart: numbers that follow each other are multiplied several at a time.
     even = grid[0::2].copy()
     odd = grid[1::2].copy()

@@ -56,15 +56,32 @@ def standard_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     return drawn
 
 
-def noisy_recording(received: Array, direct: Array, *, noise: Array, gain: float) -> Array:
-    """Return (received - direct + noise) * gain, shape (M, N), in place of the noise.
+def coloured(white: Array, before: Array, *, falls: float, taps: tuple[float, float]) -> Array:
+    """Return x(n) = falls x(n - 1) + taps_0 w(n) + taps_1 w(n - 1), in place of the white noise w.
+
+    Args:
+        white: w, shape (M, N).
+        before: falls x(-1) + taps_1 w(-1), shape (M, 1).
+        falls: share of a sample that is left in the next.
+        taps: factors on this sample of w and the last.
+    """
+    _colour(white, (before.ravel(), falls, *taps))
+    return white
+
+
+def noisy_recording(
+    received: Array, direct: Array, *, noise: Array, gain: float, out: Array | None = None
+) -> Array:
+    """Return (received - direct + noise) * gain, shape (M, N), in place of the noise or in `out`.
 
     Args:
         received, direct, noise: shape (M, N).
         gain: factor on all.
+        out: where it is written, shape (M, N).
     """
-    _record(received, direct, noise, gain)
-    return noise
+    written = noise if out is None else out
+    _record((received, direct, noise), gain, written)
+    return written
 
 
 @intrinsic
@@ -149,14 +166,28 @@ def _fill(drawn: Any, halves: Any, tables: Any) -> None:
 
 
 @njit(error_model="numpy", nogil=True)
-def _record(received: Any, direct: Any, noise: Any, gain: Any) -> None:
-    """Write a recording in place of its noise; see `noisy_recording`."""
+def _colour(noise: Any, given: Any) -> None:
+    """Colour noise in place; see `coloured`."""
+    last, falls, now, past = given
+    # Each sample waits for the one before it: meanwhile those of other microphones are computed.
+    for n in range(noise.shape[1]):
+        for m in range(len(noise)):
+            drawn = noise[m, n]
+            noise[m, n] = last[m] + now * drawn
+            last[m] = past * drawn + falls * noise[m, n]
+
+
+@njit(error_model="numpy", nogil=True)
+def _record(parts: Any, gain: Any, written: Any) -> None:
+    """Write a recording; see `noisy_recording`."""
+    received, direct, noise = parts
     for m in range(len(noise)):
         # A response that reaches beyond the recording is no part of it.
         for n in range(noise.shape[1]):
-            noise[m, n] = (received[m, n] - direct[m, n] + noise[m, n]) * gain
+            written[m, n] = (received[m, n] - direct[m, n] + noise[m, n]) * gain
 
 
 with suppress(RuntimeError):  # there is no place to keep it
     _fill.enable_caching()
+    _colour.enable_caching()
     _record.enable_caching()

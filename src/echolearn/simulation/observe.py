@@ -60,6 +60,7 @@ def add_noise(
     levels: NoiseLevels,
     rng: np.random.Generator,
     gain_db: float = 0.0,
+    out: Array | None = None,
 ) -> Array:
     """Remove the direct path from `received`, add noise, apply a gain; shape (M, N).
 
@@ -69,11 +70,13 @@ def add_noise(
         levels: levels of the noises, and how many recordings are averaged.
         rng: draws the noise.
         gain_db: gain of the recording, signal and noise alike.
+        out: where the recording is written, shape (M, N); a new array unless given.
     """
     from echolearn.simulation.normal_loops import noisy_recording
 
     noise = noises(received, scene, length=scene.probe.length, levels=levels, rng=rng)
-    return noisy_recording(received, scene.direct, noise=noise, gain=10.0 ** (gain_db / 20.0))
+    gain = 10.0 ** (gain_db / 20.0)
+    return noisy_recording(received, scene.direct, noise=noise, gain=gain, out=out)
 
 
 def noise_alone(

@@ -38,18 +38,14 @@ class Coloured:
         self, array: MicArray, *, length: int, sample_rate: float, rng: np.random.Generator
     ) -> Array:
         """Return noise of unit variance, shape (M, length)."""
-        # It takes half a second to import, and most noise is white.
-        from scipy.signal import lfilter
-
-        from echolearn.simulation.normal_loops import standard_normal
+        from echolearn.simulation.normal_loops import coloured, standard_normal
 
         white = standard_normal(rng, (len(array), length))
         a, b, gain = self.recursion(sample_rate)
         # What came before the first sample is drawn as well: the variance is 1 from the start.
         start = rng.standard_normal((len(array), 1))
         before = start * math.sqrt(max(0.0, 1.0 - gain**2))
-        noise, _ = lfilter([gain, -gain * b], [1.0, -a], white, zi=before)
-        return noise
+        return coloured(white, before, falls=a, taps=(gain, -gain * b))
 
     def recursion(self, sample_rate: float) -> tuple[float, float, float]:
         """Return a, b and g of the module's header."""
