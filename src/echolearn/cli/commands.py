@@ -52,7 +52,6 @@ def _train(config: "Config") -> Path:
     """Train a classifier on the set of a plan, calibrate, export and evaluate it."""
     from echolearn.cli.config import build
     from echolearn.storage.identity import by_short_names
-    from echolearn.training.adapting import begun, earlier_filter
     from echolearn.training.split import LearningProblem
     from echolearn.training.train import train
     from echolearn.training.variants import variant_text
@@ -66,6 +65,9 @@ def _train(config: "Config") -> Path:
     about = by_short_names(classifier)
     variant = variant_text(config.get("varied", {}))
     if config["init"]:
+        # It loads what runs models, which others do not need.
+        from echolearn.training.adapting import begun, earlier_filter
+
         told = built(config, "force") | {"runs": Path(config["runs"])}
         earlier = earlier_filter(config["init"], problem, **told)
         make = partial(begun, make, earlier)
