@@ -103,3 +103,16 @@ def test_waves_are_curved_by_half_the_square_of_the_width_over_the_distance():
     error = bistatic.plane_wave_error(pair, distance=1.0)
     assert error == pytest.approx(0.1**2 / 4.0, rel=0.05)
     assert bistatic.plane_wave_error(pair, distance=10.0) == pytest.approx(error / 10, rel=0.05)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_upright_walls_have_a_mirror_image_just_where_no_delay_tells_it(shape):
+    array = SHAPES[shape]
+    axis = arrays.mirror_azimuth(array)
+    mirrored = {"pair", "line", "tilted line", "upright plane"}
+    assert (axis is not None) == (shape in mirrored)
+    if axis is not None:
+        azimuth = np.linspace(-3.0, 3.0, 7)
+        both = direction(np.array([azimuth, 2.0 * axis - azimuth]), np.pi / 2)
+        one, other = geometry.relative_delays(array, both, scale=1.0)
+        assert np.allclose(one, other, atol=1e-9)

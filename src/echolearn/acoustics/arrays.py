@@ -81,6 +81,23 @@ def tells_up(array: MicArray) -> bool:
     return bool(above @ below < 1.0 - FLAT)
 
 
+def mirror_azimuth(array: MicArray) -> float | None:
+    """Return the azimuth phi of the upright plane across which an array mirrors walls, in rad.
+
+    An upright wall at theta sounds to a line of microphones, two among them, and to an upright
+    plane as one at 2 phi - theta would. A level plane takes above for below, which is one place on
+    a map. None where walls have no mirror image.
+    """
+    found = axes(array)
+    if not tells_azimuth(array) or len(found) == 3:
+        return None
+    if len(found) == 1:
+        x, y, _ = found[0]
+        return float(np.arctan2(y, x))
+    x, y, z = np.cross(*found)
+    return float(np.arctan2(x, -y)) if abs(z) < UPRIGHT else None
+
+
 def limits(array: MicArray) -> str:
     """Return in words what an array can and cannot tell apart."""
     found = axes(array)

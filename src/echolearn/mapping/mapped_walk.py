@@ -39,6 +39,9 @@ class MappedWalk:
         resolution: side of a cell of the grid, in m.
         accuracy: of the echoes.
         placed: whether echoes can be placed on a map; if not, none of its points is shown.
+        undecided: which points are believed, though not on which side of the array they lie, shape
+            (P * R,), bool; echoes are then in pairs, each followed by its mirror image
+            (`mirrors`). None where the array sees no mirror images.
     """
 
     echoes: Echoes
@@ -49,6 +52,7 @@ class MappedWalk:
     resolution: float = 0.05
     accuracy: Accuracy = field(default_factory=Accuracy)
     placed: bool = True
+    undecided: Array | None = None
 
     @cached_property
     def path(self) -> Array:

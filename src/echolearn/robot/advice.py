@@ -25,6 +25,12 @@ PLACES = (
 )
 """What is asked first where many points are drawn and agree on no wall."""
 
+SIDES = (
+    "the array cannot tell one side of it from the other, and nothing tells which side echoes lie "
+    "on: does the walk turn? A wall must be heard at several headings"
+)
+"""What is asked first where echoes are believed, but lie on either side of the array."""
+
 MANY = 20
 """Points of which some lie on one wall, unless they are in wrong places."""
 
@@ -47,7 +53,9 @@ def causes(mapped: MappedWalk, health: Health, *, window: SearchWindow) -> list[
         return []
     drawn = int(np.sum(mapped.shown))
     if not drawn:
-        return [*_of_geometry(mapped, window), *health.noticed, *_of_recordings(health), LAST]
+        shown = [*_of_geometry(mapped, window), *health.noticed, *_of_recordings(health), LAST]
+        sides = mapped.undecided is not None and bool(mapped.undecided.any())
+        return [SIDES, *shown] if sides else shown
     if drawn >= MANY and not mapped.lines:
         return [*health.noticed, PLACES, *_of_recordings(health)]
     return []

@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from echolearn.acoustics.types import Echoes
 from echolearn.checks import BadValue, check
 from echolearn.evaluation.labelling import echo_scores, label_echoes
 from echolearn.evaluation.map_metrics import evaluate_map
 from echolearn.evaluation.metrics import finite
 from echolearn.mapping.mapped_walk import BAG, Files, MappedWalk
+from echolearn.mapping.mirrors import one_each
 from echolearn.storage import manifests
 from echolearn.storage.files import clean, write_atomic
 from echolearn.survey.health import Health
@@ -105,17 +107,18 @@ def describe_map(mapped: MappedWalk, causes: Sequence[str]) -> dict[str, Any]:
     """
     scores = None
     if mapped.outline is not None and mapped.placed:
-        found = mapped.map
+        # What is drawn is what is scored.
+        found = one_each(mapped, mapped.outline)
         values = evaluate_map(
             mapped.outline,
             found.points,
-            # What is drawn is what is scored.
-            kept=mapped.shown,
+            kept=found.kept,
             confidence=found.confidence,
             poses=found.poses,
         )
         scores = {key: finite(value) for key, value in values.items()}
-    return {
+    unsure = {} if mapped.undecided is None else {"undecided": int(mapped.undecided.sum()) // 2}
+    return unsure | {
         "kind": "map",
         "scores": scores,
         "lines": len(mapped.lines),
@@ -133,8 +136,12 @@ def judged(mapped: MappedWalk, walk: Survey) -> dict[str, Any]:
     if walk.truth is None:
         return about
     rate = walk.emitted.sample_rate
-    labels = label_echoes(walk.truth, mapped.echoes, sample_rate=rate, array=walk.array)
-    scores = echo_scores(labels, np.asarray(mapped.map.kept))
+    # An echo and its mirror image are one to the truth, which knows no map.
+    points = 1 if mapped.undecided is None else 2
+    echoes = Echoes(*(column[:, ::points] for column in vars(mapped.echoes).values()))
+    labels = label_echoes(walk.truth, echoes, sample_rate=rate, array=walk.array)
+    kept = np.asarray(mapped.map.kept).reshape(-1, points)
+    scores = echo_scores(labels, np.asarray(kept.any(axis=1)))
     return about | {"echo_scores": {name: finite(value) for name, value in scores.items()}}
 
 
@@ -156,7 +163,7 @@ def report(about: Mapping[str, Any]) -> None:
     if about.get("placed", True):
         print(
             f"{counted}{about['points']} points in the map, {about['floor_or_ceiling']} from "
-            f"floor or ceiling; {about['lines']} walls fitted"
+            f"floor or ceiling; {about['lines']} walls fitted{unsure_of(about)}"
         )
     else:
         print(f"{counted}times and directions only, no points, no walls (map: false)")
@@ -171,6 +178,13 @@ def report(about: Mapping[str, Any]) -> None:
         print("of echoes, by truth.csv; time_: by time alone")
         known = [name for name in ECHO_SHOWN if name in about["echo_scores"]]
         _print_scores(about["echo_scores"], known)
+
+
+def unsure_of(about: Mapping[str, Any]) -> str:
+    """Return what there is to say of echoes whose side is undecided; nothing of other arrays."""
+    if "undecided" not in about:
+        return ""
+    return f"; {about['undecided']} more may lie on either side of the array, undecided"
 
 
 def _print_scores(scores: Mapping[str, float | None], names: Sequence[str]) -> None:

@@ -16,10 +16,12 @@ from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
+from echolearn.acoustics.arrays import mirror_azimuth
 from echolearn.checks import BadValue, check, check_name, check_number
 from echolearn.localization.silence import SilentMicrophone
 from echolearn.mapping.files import grid, ply, svg, table
 from echolearn.mapping.mapped_walk import MappedWalk
+from echolearn.mapping.mirrors import with_mirror_images
 from echolearn.robot.advice import causes
 from echolearn.robot.choices import OF_THE_SURVEY, open_survey, with_gains
 from echolearn.robot.domain import domain_line
@@ -184,6 +186,9 @@ class _Order:
         given = {key: value for key, value in self.asked.items() if value is not None}
         if self.walk.gains is not None:
             given["gains"] = self.walk.gains.tolist()
+        # Maps of such arrays had one point an echo before, on either side.
+        if self.walk.mapped and mirror_azimuth(self.walk.array) is not None:
+            given["mirror_images"] = True
         return given | {"bundle": self.scorer.bundle.about["sha256"], "survey": sums.hexdigest()}
 
     def make(self, folder: Path, *, command: str | None) -> dict[str, Any]:
@@ -227,13 +232,14 @@ def score_survey(scorer: Scorer, walk: Survey, *, resolution: float = 0.05) -> M
                 scored.append(scorer.score(walk.observe(block), poses))
         except BadValue as error:
             raise _blame(error, scorer, walk=walk, block=block) from None
-    return mapped_walk(
+    mapped = mapped_walk(
         walk,
         _joined([each.echoes for each in scored]),
         found=_joined([each.map for each in scored]),
         azimuths=scorer.bundle.localizer.azimuths,
         resolution=resolution,
     )
+    return with_mirror_images(mapped, walk.array, speed_of_sound=walk.speed_of_sound)
 
 
 def _joined(parts: Sequence[Fields]) -> Fields:

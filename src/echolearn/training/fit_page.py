@@ -15,6 +15,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from echolearn.robot.map_folder import unsure_of
 from echolearn.robot.pages import filled_page
 from echolearn.robot.reference import UNCHECKED
 from echolearn.storage import manifests
@@ -132,7 +133,7 @@ def _counts(about: Mapping[str, Any]) -> str:
         return f"{text}; times and directions only (map: false)."
     return (
         f"{text}: {about['points']} points in the map, {about['floor_or_ceiling']} from floor or "
-        f"ceiling; {about['lines']} walls go through them."
+        f"ceiling; {about['lines']} walls go through them{unsure_of(about)}."
     )
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from echolearn.acoustics.arrays import mirror_azimuth
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.checks import BadValue, check, check_choice, check_name
 from echolearn.classifiers.calibration import METHODS
@@ -53,7 +54,8 @@ class FilterRecipe:
         plan: rooms, levels and realism of the labelled set; robot, window and reverberation time
             are those of the survey.
         make: returns the classifier, unfitted.
-        target: label to learn; None takes `on_map`, or `time_and_direction` where there is no map.
+        target: label to learn; None takes `on_map`, or `time_and_direction` where there is no map,
+            or mirror images are on it.
         calibration, aim: as those of `train`.
         window: where echoes are sought; None takes the plan's.
     """
@@ -148,7 +150,9 @@ def order_before(
 
 def _target(recipe: FilterRecipe, walk: Survey) -> str:
     """Return the label that a filter learns."""
-    return recipe.target or ("on_map" if walk.mapped else "time_and_direction")
+    # Of an echo that has a mirror image one point only is on the map, by chance.
+    placed = walk.mapped and mirror_azimuth(walk.array) is None
+    return recipe.target or ("on_map" if placed else "time_and_direction")
 
 
 def finish_fit(

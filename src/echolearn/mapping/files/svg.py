@@ -3,7 +3,8 @@
 It shows the path, kept and rejected points, the fitted walls, and the outline if it is known; and
 kept echoes from floor or ceiling, which belong to no wall. Colours are those of Okabe and Ito,
 which colour-blind readers tell apart; a rejected point is hollow besides, one of floor or ceiling
-fainter.
+fainter. Where an array sees mirror images, both points of an echo whose side is undecided are
+orange and hollow.
 """
 
 import numpy as np
@@ -21,6 +22,8 @@ STYLE = """\
 .upright{fill:#CC79A7;fill-opacity:.75}\
 .wall{stroke:#009E73;stroke-width:4;stroke-opacity:.55}text{font:12px sans-serif;fill:#333}"""
 
+UNDECIDED = ".undecided{fill:none;stroke:#E69F00;stroke-width:1.6}"
+
 
 def write(walk: MappedWalk) -> Files:
     """Return the drawing."""
@@ -35,27 +38,34 @@ def write(walk: MappedWalk) -> Files:
         """Return image coordinates, y downwards."""
         return np.stack([points[..., 0] - low[0], high[1] - points[..., 1]], axis=-1) * SCALE
 
-    rejected = walk.sideways & ~np.asarray(walk.map.kept)
+    unsure = np.zeros_like(walk.shown) if walk.undecided is None else walk.undecided
+    rejected = walk.sideways & ~np.asarray(walk.map.kept) & ~unsure
     points = placed(walk.map.points)
     sizes = np.where(walk.shown, 1.5 + 2 * walk.map.confidence, 2.5)
     # Later shapes lie above earlier ones: walls above the points they were fitted to.
     shapes = [_plan(placed(line)) for line in polylines(outline)]
     shapes.append(_run('polyline class="path"', placed(walk.path)))
     shapes += _dots(points[rejected], kind="rejected", radii=sizes[rejected])
+    shapes += _dots(points[unsure], kind="undecided", radii=sizes[unsure])
     shapes += _dots(points[walk.upright], kind="upright", radii=sizes[walk.upright])
     shapes += _dots(points[walk.shown], kind="kept", radii=sizes[walk.shown])
     shapes += [_wall(placed(np.stack([line.start, line.end]))) for line in walk.lines]
     body = "\n".join(shapes)
+    style, further = STYLE, ""
+    if walk.undecided is not None:
+        style += UNDECIDED
+        further = f"; {unsure.sum()} on either side of the array, undecided (orange)"
     content = f"""\
 <svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height + 36}" \
 width="{width}" height="{height + 36}">
-<style>{STYLE}</style>
+<style>{style}</style>
 <rect width="100%" height="100%" fill="#fff"/>
 {body}
 <path d="M10 {height + 4}h{SCALE}" stroke="#333" stroke-width="2"/>
 <text x="{SCALE + 16}" y="{height + 8}">1 m; {len(walk.lines)} walls fitted (green)</text>
 <text x="10" y="{height + 26}">points: {walk.shown.sum()} kept (blue), \
-{rejected.sum()} rejected (hollow), {walk.upright.sum()} from floor or ceiling (pink)</text>
+{rejected.sum()} rejected (hollow), {walk.upright.sum()} from floor or ceiling (pink)\
+{further}</text>
 </svg>
 """
     return {"map.svg": content.encode()}

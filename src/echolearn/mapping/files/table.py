@@ -11,6 +11,8 @@ COLUMNS = """
     index x_m y_m toa_s azimuth_rad elevation_rad power score confidence kept floor_or_ceiling
     distance_sd_m azimuth_sd_rad
 """.split()
+MIRROR = "mirror_of"
+"""Column of echoes that have a mirror image: the row of the other point, counted from 0."""
 WALLS = "x0_m y0_m x1_m y1_m normal_rad offset_m normal_sd_rad offset_sd_m rms_m points".split()
 
 
@@ -26,7 +28,11 @@ def echo_table(walk: MappedWalk) -> bytes:
     rows: list[Sequence[float | str]] = []
     for number, x, y, *rest in echo_rows(walk):
         rows.append([number, x, y, *rest] if walk.placed else [number, "", "", *rest])
-    return csv_bytes(COLUMNS, rows)
+    if walk.undecided is None:
+        return csv_bytes(COLUMNS, rows)
+    # Pairs follow one another: 0 and 1 are one echo's, 2 and 3 the next one's.
+    twins = [[*row, number ^ 1] for number, row in enumerate(rows)]
+    return csv_bytes([*COLUMNS, MIRROR], twins)
 
 
 def echo_rows(walk: MappedWalk) -> Iterable[Sequence[float]]:
