@@ -7,6 +7,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from echolearn.simulation.image_loops import STEPS, TAPS
+
 
 def interpret(
     module: ModuleType, patch: pytest.MonkeyPatch, **written: Callable[..., object] | int
@@ -75,7 +77,18 @@ def upper(first: np.uint64, second: np.uint64) -> np.uint64:
     return np.uint64(int(first) * int(second) >> 64)
 
 
-def add_row(grid, at, table, row, weight, slope):
+def add_row(given):
     """Add a row of the table of psi and its rise, as `image_loops._add_row`."""
+    grid, at, table, row, weight, slope = given
     taps = table.shape[1] // 2
     grid[at : at + taps] += weight * table[row, :taps] + slope * table[row, taps:]
+
+
+def place_row(given):
+    """Write steps, weight and slope of images that follow each other, as `image_loops`."""
+    squares, products, first, square, product, steps, weight, slope = given
+    some = slice(first, first + TAPS)
+    delay = np.sqrt(square + squares[some])
+    steps[some] = delay * STEPS
+    weight[some] = product * products[some] / delay
+    slope[some] = weight[some] * (delay * STEPS - steps[some])

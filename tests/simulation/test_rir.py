@@ -16,7 +16,7 @@ from echolearn.simulation.rir import torch_images
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.rir.pyroom import Pyroom, complete_order
 from echolearn.simulation.rir.torch_images import TorchImages
-from interpreted import LANES, add_row, interpret
+from interpreted import LANES, add_row, interpret, place_row
 from reference import RATE, SPEED
 from refusals import refused
 
@@ -123,7 +123,8 @@ def test_every_image_within_t60_lies_inside_the_complete_order(size, t60):
 
 def test_as_python_the_loops_sum_the_images_within_reach(monkeypatch):
     """Two images along each of two axes and three along the last, in 70 samples."""
-    interpret(image_loops, monkeypatch, _add_row=add_row, wide=LANES["wide"])
+    written = {"_add_row": add_row, "_place_row": place_row, "wide": LANES["wide"]}
+    interpret(image_loops, monkeypatch, **written)
     lengths = ((20.3, 61.7), (3.1, 44.9), (5.2, 30.6, 99.0))
     gains = ((1.0, 0.8), (0.9, 0.7), (1.0, 0.5, 0.6))
     axes = tuple(

@@ -51,19 +51,19 @@ def wide(_: Any) -> Any:
         """Tell LLVM; llvmlite refuses names that it does not know."""
         set.update(builder.function.attributes, WIDEST)
 
-    return _instructions(types.void(), write)
+    return instructions(types.void(), write)
 
 
 @intrinsic
 def no_lanes(_: Any) -> Any:
     """Return lanes that are all 0."""
-    return _instructions(LANES(), lambda _: ir.Constant(VECTOR, [0.0] * WIDTH))
+    return instructions(LANES(), lambda _: ir.Constant(VECTOR, [0.0] * WIDTH))
 
 
 @intrinsic
 def lanes_at(_: Any, place: Any) -> Any:
     """Return the numbers of a place: a flat array of float32, and the index of the first."""
-    return _instructions(LANES(place), lambda builder, *place: _lanes(builder, *place)[0])
+    return instructions(LANES(place), lambda builder, *place: _lanes(builder, *place)[0])
 
 
 @intrinsic
@@ -79,7 +79,7 @@ def parts_at(_: Any, place: Any) -> Any:
         return cgutils.pack_array(builder, parts)  # type: ignore[no-untyped-call]
 
     pair = types.UniTuple(LANES, 2)  # type: ignore[no-untyped-call]
-    return _instructions(pair(place), write)
+    return instructions(pair(place), write)
 
 
 @intrinsic
@@ -90,19 +90,19 @@ def write_lanes(_: Any, written: Any) -> Any:
         """Write them where they belong, wherever that is."""
         builder.store(written[2], _place(builder, *written[:2])).align = 4
 
-    return _instructions(types.void(written), write)
+    return instructions(types.void(written), write)
 
 
 @intrinsic
 def fused(_: Any, numbers: Any) -> Any:
     """Return a b + c of lanes (a, b, c), rounded once."""
-    return _instructions(LANES(numbers), _fused)
+    return instructions(LANES(numbers), _fused)
 
 
 @intrinsic
 def fused_less(_: Any, numbers: Any) -> Any:
     """Return c - a b of lanes (a, b, c), rounded once."""
-    return _instructions(
+    return instructions(
         LANES(numbers), lambda builder, a, *others: _fused(builder, builder.fneg(a), *others)
     )
 
@@ -126,7 +126,7 @@ def _lanes(builder: Any, *place: Any, count: int = 1) -> list[Any]:
     return [builder.load(each, align=4) for each in places]
 
 
-def _instructions(kind: Any, write: Callable[..., Any]) -> tuple[Any, Callable[..., Any]]:
+def instructions(kind: Any, write: Callable[..., Any]) -> tuple[Any, Callable[..., Any]]:
     """Return the type of an instruction and what writes it, given the parts of its tuple.
 
     Of arrays that is the address of their data.

@@ -13,11 +13,11 @@ sums -130 dB.
 Numba compiles the loops once and keeps the machine code beside the package's own byte code, or
 where that cannot be written in the user's cache; where neither can, each process compiles anew, for
 seconds. What is kept is made again when this file changes, and no other: all that is compiled
-stands here, the constants too. Numba takes a third of a second to import, and a process that has it
-can no longer be forked (`runtime.processes`), so `Images` imports this module when it is called.
+stands here, the constants too, but for `acoustics.lanes`. Numba takes a third of a second to
+import, and a process that has it can no longer be forked (`runtime.processes`), so `Images` imports
+this module when it is called.
 """
 
-import math
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any
@@ -27,7 +27,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from echolearn.acoustics.lanes import wide
+from echolearn.acoustics.lanes import instructions, wide
 from echolearn.acoustics.types import Array
 
 HALF_WIDTH = 40
@@ -38,6 +38,9 @@ REACH = HALF_WIDTH + 4
 
 TAPS = 8
 """Width of psi, in samples of the grid."""
+
+INDEX = ir.IntType(32)
+"""Type of places within a vector."""
 
 STEP_BITS = 7
 STEPS = 1 << STEP_BITS
@@ -99,63 +102,90 @@ def correction() -> Array:
 
 
 @intrinsic
-def _add_row(_: Any, grid: Any, at: Any, table: Any, row: Any, weight: Any, slope: Any) -> Any:
+def _add_row(_: Any, given: Any) -> Any:
     """Add weight * table[row, :8] + slope * table[row, 8:] to the 8 samples of the grid from `at`.
 
     As one vector: left to itself, the compiler does this one sample after the other, which makes
     the whole engine two thirds slower.
+
+    Args:
+        given: grid, at, table, row, weight, slope.
     """
-    vector = ir.VectorType(ir.FloatType(), TAPS)
-    index = ir.IntType(32)
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        """Write the instructions of one call.
-
-        Args:
-            context: Numba's way to write instructions.
-            builder: place where they are written.
-            signature: types of the call.
-            arguments: values of the call.
-        """
-
-        def eight(kind: Any, array: Any, start: Any) -> Any:
-            """Return eight numbers of an array as one vector.
-
-            Args:
-                kind: type of the numbers.
-                array: numbers that follow each other.
-                start: index of the first one.
-            """
-            first = context.make_array(kind)(context, builder, array).data
-            return builder.bitcast(builder.gep(first, [start]), vector.as_pointer())
-
-        def fill(factor: Any) -> Any:
-            """Return a vector whose eight numbers are all this one."""
-            single = builder.insert_element(ir.Constant(vector, ir.Undefined), factor, index(0))
-            first = ir.Constant(ir.VectorType(index, TAPS), [0] * TAPS)
-            return builder.shuffle_vector(single, single, first)
-
-        grid, at, table, row, *factors = arguments
-        place = eight(signature.args[0], grid, at)
-        parts = eight(signature.args[2], table, builder.mul(row, row.type(2 * TAPS)))
+    def write(builder: Any, *given: Any) -> None:
+        """Read the samples, add both products to them, write them."""
+        grid, at, table, row, *factors = given
+        place = _eight(builder, grid, at)
+        parts = _eight(builder, table, builder.mul(row, row.type(2 * TAPS)))
         total = builder.load(place, align=4)
         for part, factor in enumerate(factors):
-            values = builder.load(builder.gep(parts, [index(part)]), align=4)
-            product = builder.fmul(fill(factor), values, flags=("contract",))
+            values = builder.load(builder.gep(parts, [INDEX(part)]), align=4)
+            product = builder.fmul(_alike(builder, factor), values, flags=("contract",))
             total = builder.fadd(total, product, flags=("contract",))
         builder.store(total, place, align=4)
-        return context.get_dummy_value()
 
-    return types.void(grid, types.intp, table, types.intp, weight, slope), generate
+    return instructions(types.void(given), write)
+
+
+@intrinsic
+def _place_row(_: Any, given: Any) -> Any:
+    """Write steps, weight and slope of `TAPS` images that follow each other on the last axis.
+
+    Args:
+        given: squared offsets and products on that axis, index of the first image; squared offset
+            and product that all have from the other axes; where the three are written.
+    """
+
+    def write(builder: Any, *given: Any) -> None:
+        """Do for all at once: delay = sqrt(square), weight = product / delay, and so on."""
+        squares, products, first, square, product, *written = given
+        single, double, whole = (
+            ir.VectorType(kind, TAPS) for kind in (ir.FloatType(), ir.DoubleType(), INDEX)
+        )
+        own = [builder.load(_eight(builder, each, first), align=8) for each in (squares, products)]
+        kind = ir.FunctionType(double, [double])
+        root = builder.module.declare_intrinsic(f"llvm.sqrt.v{TAPS}f64", (), kind)
+        delay = builder.call(root, [builder.fadd(_alike(builder, square), own[0])])
+        fine = builder.fmul(delay, ir.Constant(double, [float(STEPS)] * TAPS))
+        steps = builder.fptosi(fine, whole)
+        rest = builder.fptrunc(builder.fsub(fine, builder.sitofp(steps, double)), single)
+        gain = builder.fptrunc(builder.fmul(_alike(builder, product), own[1]), single)
+        weight = builder.fdiv(gain, builder.fptrunc(delay, single))
+        found = (steps, weight, builder.fmul(weight, rest))
+        for array, numbers in zip(written, found, strict=True):
+            builder.store(numbers, _eight(builder, array, first), align=4)
+
+    return instructions(types.void(given), write)
+
+
+def _eight(builder: Any, *place: Any) -> Any:
+    """Return the address of `TAPS` numbers of an array, as one vector, from an index on."""
+    first = builder.gep(place[0], [place[1]])
+    return builder.bitcast(first, ir.VectorType(first.type.pointee, TAPS).as_pointer())
+
+
+def _alike(builder: Any, number: Any) -> Any:
+    """Return a vector whose `TAPS` numbers are all this one."""
+    nothing = ir.Constant(ir.VectorType(number.type, TAPS), ir.Undefined)
+    single = builder.insert_element(nothing, number, INDEX(0))
+    return builder.shuffle_vector(
+        single, single, ir.Constant(ir.VectorType(INDEX, TAPS), [0] * TAPS)
+    )
 
 
 @njit(error_model="numpy", nogil=True)
 def _spread(grid: Any, axes: Any, table: Any, reach: Any) -> None:
     """Add psi to the grid for all images within `reach` of one microphone."""
     x, y, z = axes
-    weight = np.empty(z.shape[1], np.float32)
-    slope = np.empty(z.shape[1], np.float32)
-    steps = np.empty(z.shape[1], np.int32)
+    # Whole rows of images: what is computed beyond those within reach is not used.
+    rows = -(-z.shape[1] // TAPS) * TAPS
+    squares = np.zeros(rows)
+    products = np.zeros(rows)
+    squares[: z.shape[1]] = z[0]
+    products[: z.shape[1]] = z[1]
+    weight = np.empty(rows, np.float32)
+    slope = np.empty(rows, np.float32)
+    steps = np.empty(rows, np.int32)
     for i in range(x.shape[1]):
         count = z.shape[1]
         for j in range(y.shape[1]):
@@ -163,19 +193,16 @@ def _spread(grid: Any, axes: Any, table: Any, reach: Any) -> None:
             product = x[1, i] * y[1, j]
 
             # Both lists ascend, so the images within reach are a prefix of z that only shrinks.
-            while count > 0 and square + z[0, count - 1] > reach * reach:
+            while count > 0 and square + squares[count - 1] > reach * reach:
                 count -= 1
 
-            # Apart from the spreading, so that the compiler takes several square roots at a time.
-            for k in range(count):
-                delay = math.sqrt(square + z[0, k])
-                steps[k] = np.int32(delay * STEPS)
-                weight[k] = np.float32(product * z[1, k]) / np.float32(delay)
-                slope[k] = weight[k] * np.float32(delay * STEPS - steps[k])
+            # Apart from the spreading, so that several square roots are taken at a time.
+            for k in range(0, count, TAPS):
+                _place_row((squares, products, k, square, product, steps, weight, slope))  # type: ignore[call-arg]
             for k in range(count):
                 at = steps[k] >> STEP_BITS
                 row = steps[k] & (STEPS - 1)
-                _add_row(grid, at, table, row, weight[k], slope[k])  # type: ignore[call-arg]
+                _add_row((grid, at, table, row, weight[k], slope[k]))  # type: ignore[call-arg]
 
 
 @njit(error_model="numpy", nogil=True, fastmath={"contract"})
