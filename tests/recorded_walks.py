@@ -33,15 +33,18 @@ def sound(poses: int = len(POSES)) -> Array:
     return np.stack([SCENE.received(ROOM, pose) for pose in trajectory(ROOM, poses=poses)])
 
 
+@cache
 def walk(*, direct: bool, snr_db: float = 20.0, seed: int = 7, poses: int = len(POSES)) -> Array:
     """Return a walk, the noise measured against the sound with its direct path, (P, M, N).
 
-    The seed is another than that of the probe, which would be part of the noise.
+    Not to be changed. The seed is another than that of the probe, which would be part of the noise.
     """
     received = sound(poses)
     noise = np.random.default_rng(seed).standard_normal(received.shape)
     level = received.std() * 10 ** (-snr_db / 20)
-    return received - (0.0 if direct else SCENE.direct) + level * noise
+    found = received - (0.0 if direct else SCENE.direct) + level * noise
+    found.setflags(write=False)
+    return found
 
 
 def write(folder: Path, samples: Array, *, direct: bool, poses: list[Pose] = POSES) -> Survey:

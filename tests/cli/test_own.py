@@ -12,6 +12,7 @@ from typing import NamedTuple
 import pytest
 
 from echolearn.cli.completion import SCRIPTS
+from echolearn.cli.main import main
 from echolearn.cli.own import VARIABLE
 
 MODULE = '''"""A column itself."""
@@ -89,7 +90,13 @@ def echolearn(lines: subprocess.Popen[str]) -> Callable[..., Done]:
     return run
 
 
-def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_from(own):
+def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_from(
+    own, monkeypatch, capsys
+):
+    monkeypatch.chdir(own)
+    # What the command leaves of the folder in this process goes with the test.
+    monkeypatch.setenv(VARIABLE, "")
+    monkeypatch.setattr(sys, "path", [*sys.path])
     words = [
         "plan=tiny_scattered",
         "plan.rows=64",
@@ -98,13 +105,9 @@ def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_fro
         "plan.size_high=[6,6,3]",
     ]
     words += ["scene.probe.length=6000", "localizer.azimuths=36"]
-    lines = [
-        ["generate", *words, "workers=1"],
-        ["train", *words, "classifier=plain_score", "--config-dir", "mine"],
-    ]
-    # One process for both, since each has to load numpy and torch.
-    code = f"from echolearn.cli.main import main; assert not any(map(main, {lines}))"
-    subprocess.run([sys.executable, "-c", code], cwd=own, check=True)
+    assert main(["generate", *words, "engine=serial"]) == 0
+    assert main(["train", *words, "classifier=plain_score", "--config-dir", "mine"]) == 0
+    monkeypatch.delitem(sys.modules, "plain")
     runs = list((own / "runs" / "train").iterdir())
     assert [run.name[:19] for run in runs] == ["plain_score-few-s0-"]
     assert f"--config-dir={own / 'mine'}" in (runs[0] / "metrics.json").read_text()
