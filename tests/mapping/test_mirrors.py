@@ -17,6 +17,7 @@ from echolearn.mapping.echo_map import echo_map
 from echolearn.mapping.files import svg, table
 from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.mapping.mirrors import chosen_sides, one_each, with_mirror_images
+from echolearn.survey.examining import examine
 from echolearn.survey.reader import read_survey
 
 ALONG = "[[0.15,0.05,0.0],[0.05,0.05,0.0],[-0.05,0.05,0.0],[-0.15,0.05,0.0]]"
@@ -100,6 +101,11 @@ def test_both_points_stand_in_the_table_and_undecided_ones_have_a_colour(walk):
     plain = mapped(walk, range(len(walk[0])), mirrored=False)
     assert "mirror_of" not in table.write(plain)["map.csv"].decode()
     assert "undecided" not in svg.write(plain)["map.svg"].decode()
+
+
+def test_a_sound_walk_is_accused_of_nothing(walk):
+    """Echoes on the wrong side move otherwise than the poses, which are right all the same."""
+    assert examine(walk[0]).noticed == ()
 
 
 def test_an_echo_from_above_is_kept_once(walk):

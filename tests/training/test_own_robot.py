@@ -54,6 +54,10 @@ def test_the_page_says_what_was_heard_and_shows_the_map(walked):
     assert f"{about['kept']} of the echoes at 8 poses are believed" in page
     assert "4 microphones, a burst of 68 ms at 22050 Hz" in page and "$" not in page
     assert page.count("<svg") == bool(about["points"])
+    assert "<b>window</b> walls are sought from 1 to 2 m (within=)" in page
+    assert "<b>domain</b> no reference, not checked" in page
+    for what, part in parts_of(walked).items():
+        assert f'<b>{what}</b> <a href="../../{part.parent.name}/{part.name}/">' in page
 
 
 def test_the_same_command_makes_nothing_anew(walked, monkeypatch, capsys):

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from echolearn.acoustics.arrays import mirror_azimuth
 from echolearn.acoustics.types import Array
 from echolearn.survey import hidden, levels, naming, played, removal, time_zero
 from echolearn.survey.audio import undecided_words
@@ -165,6 +166,9 @@ def _reversed(sign: Array, numbers: Sequence[object]) -> list[str]:
 def _moving(walk: Walk, mending: Mending) -> list[str]:
     """Return the line on poses with which the echoes do not move, if they do not."""
     survey = walk.survey
+    # Of an echo on the wrong side of the array nothing is said by where it seems to go.
+    if mirror_azimuth(survey.array) is not None:
+        return []
     metres = survey.speed_of_sound / survey.probe.sample_rate
     # Echoes were measured before anything is mended.
     late = np.asarray(mending.latency)[:, None]

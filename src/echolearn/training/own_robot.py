@@ -227,10 +227,28 @@ def conclusions(walk: Survey, reach: Reach, *, plan: ScatteredPlan) -> list[str]
     return [
         f"robot: {len(walk.array)} microphones, a burst of {burst:.0f} ms at "
         f"{probe.sample_rate:g} Hz",
-        f"reach: {hears}; walls are sought from {window.nearest:g} to {window.farthest:g} m",
+        f"window: {_sought(walk, reach, window=window)}",
+        f"reach: {hears}",
         f"decay: {rings}; rooms are drawn with {plan.t60[0]:g} to {plan.t60[1]:g} s",
         f"set: {plan.rows} simulated recordings of this robot in random rooms",
     ]
+
+
+def _sought(walk: Survey, reach: Reach, *, window: SearchWindow) -> str:
+    """Return how near and how far walls are sought, and what bounds it.
+
+    Args:
+        walk: its recordings, mended.
+        reach: what they tell of the place.
+        window: where echoes are sought.
+    """
+    text = f"walls are sought from {window.nearest:g} to {window.farthest:g} m (within=)"
+    if walk.direct == "fir":
+        text = f"{text}; nearer ones are taken off with the direct path"
+    # Of a wall that noise hides nothing is found, however far the window goes.
+    if reach.farthest < window.farthest:
+        text = f"{text}; the farther ones are hidden by noise"
+    return text
 
 
 def _free_folder(name: str, runs: Path) -> Path:
