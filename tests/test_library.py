@@ -80,8 +80,47 @@ def test_sets_and_runs_are_opened_by_name_or_folder(world):
     assert el.open_run(run.folder).identity == run.identity
     with pytest.raises(BadValue, match="^run=svm_pair: must be the beginning of one run's name"):
         el.open_run("svm_pair", world.runs)
-    with pytest.raises(BadValue, match="^tested=nothing"):
+    with pytest.raises(BadValue, match="^set=nothing"):
         el.open_set("nothing", world.runs)
+
+
+@pytest.mark.parametrize(
+    ("slip", "said"),
+    [
+        (lambda walk, _: walk.observe(0), "poses=0: must be a list of whole numbers from 0 to 29"),
+        (lambda walk, _: walk.observe([-1]), "poses=-1: .* they are counted from 0"),
+        (lambda walk, _: walk.observe([30]), "poses=30: must be a whole number from 0 to 29"),
+        (lambda walk, _: walk.observe([0.5]), "poses=0.5: must be a whole number"),
+        (lambda walk, _: walk.observe([]), r"poses=\[\]: must be a list"),
+        (lambda walk, _: el.localize(walk), "observation=Survey: .* survey.observe"),
+        (lambda walk, _: el.localize(walk.observe([0]), "gatd"), ".* did you mean gated"),
+        (lambda walk, _: el.localize(walk.observe([0]), 5), "localizer=int: must be a localizer"),
+        (lambda _, rows: rows["snr"], "column=snr: .* did you mean snr_db"),
+        (lambda *_: el.open_bundle("pint"), "bundle=pint: .* did you mean point"),
+        (lambda _, rows: el.open_survey(rows.folder), "survey=.* it is a labelled set"),
+        (lambda _, rows: el.open_run(rows.folder), "run=.* train makes runs on it"),
+        (lambda walk, _: el.open_set(walk.folder), "set=.* label makes a set of it"),
+    ],
+)
+def test_a_slip_is_told_in_a_line_with_what_was_meant(slip, said, world):
+    walk = el.open_survey(ROOT / "examples" / "survey" / "short")
+    with pytest.raises(BadValue, match=f"^{said}"):
+        slip(walk, world.sets["scattered"])
+
+
+def test_a_name_that_is_not_public_is_told_with_those_that_are():
+    with pytest.raises(AttributeError, match="no attribute 'load'; it has .* open_bundle"):
+        el.load("point")
+
+
+def test_a_table_needs_pandas_and_says_so(world, monkeypatch):
+    """An entry of None is how Python marks a module that cannot be imported."""
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    run = el.open_run("trees_features-scattered-s0", world.runs)
+    walk = el.open_survey(world.runs / "survey" / "hall_0dB")
+    for thing in (world.sets["scattered"], run, walk):
+        with pytest.raises(BadValue, match="^to_pandas: needs pandas; pip install pandas$"):
+            thing.to_pandas()
 
 
 def test_a_set_is_a_table_for_pandas(world):

@@ -53,7 +53,8 @@ PUBLIC = {
 def __getattr__(name: str) -> object:
     """Return a public name, loaded now."""
     if name not in PUBLIC:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        known = f"it has {', '.join(PUBLIC)}"
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}; {known}")
     module, _, attribute = PUBLIC[name].rpartition(".")
     return getattr(import_module(f"{__name__}.{module}"), attribute)
 

@@ -200,7 +200,8 @@ def check_list(
         allowed: what would be accepted, for the message.
     """
     if not isinstance(value, list | tuple | np.ndarray):
-        check(False, name, value, allowed=allowed, hint="are brackets missing?")
+        hint = "none is []" if value in ("", None) else "are brackets missing?"
+        check(False, name, value, allowed=allowed, hint=hint)
     else:
         check(length in (None, len(value)), name, list(value), allowed=allowed)
 

@@ -1,11 +1,13 @@
 """A comparison looked at closely: each warning by hand, exchanges, shifts, pictures made again."""
 
+import shutil
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from echolearn.comparison import examined_figures, importance, shifts, warnings, worst
 from echolearn.comparison.compare import examined_files, look_closer
@@ -13,10 +15,15 @@ from echolearn.comparison.evaluate import Inputs
 from echolearn.comparison.examined import learning_curves
 from echolearn.comparison.looks import looks
 from echolearn.comparison.ranking import Ranking, rank_models
+from echolearn.comparison.recorded_set import label_survey
+from echolearn.dataset.labelled_set import Dataset
 from echolearn.dataset.records import records
 from echolearn.evaluation import metrics
 from echolearn.evaluation.ranks import critical_difference
+from echolearn.localization.methods.gated import Gated
+from echolearn.survey.reader import read_survey
 from echolearn.training.predictions import load_scorer, predict_rows
+from echolearn.training.runs import Run
 from small_comparisons import bare, row, trained
 from world import plans
 
@@ -31,11 +38,12 @@ def codes(found):
 def test_a_position_of_the_training_set_is_a_leak(comparison, world):
     """The world's sets have none in common; its own grid under another name has them all."""
     folders = {dataset.digest: dataset.folder for dataset in world.sets.values()}
-    assert codes(warnings.leaks(comparison, folders)) == []
+    walks = {name: world.runs / "survey" / name for name, _ in comparison.surveys}
+    assert codes(warnings.leaks(comparison, folders, surveys=walks)) == []
     twin = {"test": world.sets["grid"]}
     digest = world.sets["scattered"].digest
     [found] = warnings.leaks(
-        bare(*comparison.models.items(), sets=twin), {digest: twin["test"].folder}
+        bare(*comparison.models.items(), sets=twin), {digest: twin["test"].folder}, surveys={}
     )
     assert (found.code, found.training, found.tested_on, found.value) == (
         "W01",
@@ -43,7 +51,7 @@ def test_a_position_of_the_training_set_is_a_leak(comparison, world):
         "test",
         1.0,
     )
-    [leaky] = warnings.leaks(bare(trained("svm", "grid", 0.9, split="row")), {})
+    [leaky] = warnings.leaks(bare(trained("svm", "grid", 0.9, split="row")), {}, surveys={})
     assert (leaky.code, leaky.classifier, leaky.training) == ("W01", "svm", "grid (row split)")
 
 
@@ -53,8 +61,26 @@ def test_a_set_that_an_adapted_filter_had_learned_from_is_a_leak(world):
     sets = {name: world.sets[name] for name in ("grid", "scattered")}
     about = {"data": sets["grid"].digest, "adapted_from": {"data": [sets["scattered"].digest]}}
     adapted = model, [replace(run, metrics={**run.metrics, **about})]
-    [found] = warnings.leaks(bare(adapted, sets=sets), {})
+    [found] = warnings.leaks(bare(adapted, sets=sets), {}, surveys={})
     assert (found.code, found.classifier, found.tested_on) == ("W01", "adapted", "scattered")
+
+
+def test_a_walk_that_was_labelled_and_learned_is_a_leak(world, tmp_path):
+    """A walk at another SNR visits the same places; the same poses in another room do not."""
+    learned, again = (read_survey(world.runs / "survey" / f"hall_{db}dB") for db in (0, -10))
+    made = label_survey(learned.folder, localizer=Gated(learned.window, 36), runs=tmp_path)
+    training = Dataset(made)
+    model, [run] = trained("svm", "hall_0dB", 0.9)
+    known = bare((model, [Run(Path(), {**run.metrics, "data": training.digest})]))
+    elsewhere = tmp_path / "elsewhere"
+    shutil.copytree(learned.folder, elsewhere)
+    about = yaml.safe_load((elsewhere / "survey.yaml").read_text())
+    moved = yaml.safe_dump(about | {"walls": [[0, 0], [9, 0], [9, 9], [0, 9]]})
+    (elsewhere / "survey.yaml").write_text(moved)
+    walks = {"./again": again.folder, "elsewhere": elsewhere}
+    [found] = warnings.leaks(known, {training.digest: made}, surveys=walks)
+    assert codes([found]) == [("W01", "", "hall_-10dB")] and found.value == 1.0
+    assert found.message == "100.0% of its poses are at positions of the training set"
 
 
 def told(classifier, difference, p, **more):

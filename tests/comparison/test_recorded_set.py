@@ -19,6 +19,7 @@ from echolearn.comparison.recorded_set import (
 )
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.localization.methods.gated import Gated
+from echolearn.robot.bundle import read_bundle
 from echolearn.survey.reader import read_survey
 
 
@@ -116,3 +117,8 @@ def test_a_labelled_survey_is_trained_on_like_any_set(world, walk, tmp_path, mon
     [run] = (tmp_path / "runs" / "train").iterdir()
     metrics = json.loads((run / "metrics.json").read_text())
     assert metrics["data"] == dataset.digest and metrics["plan"] == "hall_0dB"
+    # Array and burst of the bundle are those of the survey, without a word about the scene.
+    assert main(["export", f"run={run.name}", "name=mine"]) == 0
+    bundle = read_bundle(tmp_path / "runs" / "bundles" / "mine")
+    assert bundle.array == walk.array
+    assert np.allclose(bundle.probe.samples, walk.probe.samples, atol=1e-7)

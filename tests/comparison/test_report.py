@@ -319,7 +319,12 @@ def test_without_surveys_there_are_no_maps(comparison):
     assert "<script>x</script>" in page.text
     for name in CLASSIFIERS:
         assert name in page.text
-    assert "True points kept" not in made["table.md"].decode()
+    table = made["table.md"].decode()
+    assert "True points kept" not in table
+    # What a split holds out of the grid is little.
+    few = {row["n"] for row in pick(bare.rows, tested_on="grid", metric="auc", snr_db="")}
+    assert few and all(count < template.FEW for count in few)
+    assert all(f" ({count} echoes)" in text for count in few for text in (table, page.text))
 
 
 def test_rooms_may_be_walked_at_different_snrs(comparison):
@@ -375,6 +380,20 @@ def test_an_interval_is_shown_where_there_is_one_and_a_difference_has_a_sign():
     assert template.with_interval(row | {"value": NAN}) == template.with_interval(None) == ""
     test = {"difference": 0.031, "ci_low": -0.002, "ci_high": 0.06}
     assert template.signed(test) == "+3.1 [-0.2, +6.0]"
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"n": 29}, " (29 echoes)"),
+        ({"n": template.FEW}, ""),
+        ({"n": 29, "metric": "other_array"}, ""),
+        ({"n": 29, "value": NAN}, ""),
+    ],
+)
+def test_a_figure_of_few_echoes_says_how_many(more, said):
+    assert template.of_few({"metric": "auc", "value": 1.0} | more) == said
+    assert template.of_few(None) == ""
 
 
 def test_worse_than_a_coin_is_red_and_better_is_blue():

@@ -203,6 +203,15 @@ class TestSets:
         found = tables.leak([clean, leaky, alone, elsewhere])
         assert found == {("a", "planar", "reflector"): {"row": leaky, "position": clean}}
 
+    @pytest.mark.parametrize(("lines", "left"), [(12, 12), (13, 2)])
+    def test_a_long_table_is_shortened_to_those_who_are_asked_for(self, lines, left):
+        """Twelve lines are all shown; a split by rows is none of them, however few there are."""
+        table = {("s", "position", f"c{number}"): {} for number in range(lines)}
+        table["s", "row", "c1"] = {}
+        found = tables.in_short(table, always=("c1", "c7"))
+        assert len(found) == left and ("s", "row", "c1") not in found
+        assert {"c1", "c7"} <= {name for _, _, name in found}
+
     def test_the_papers_protocol_is_a_mean_over_seeds(self):
         runs = []
         for auc, folds in ((0.7, {"balanced_accuracy": {"mean": 0.77}}), (0.9, None)):

@@ -395,7 +395,7 @@ def test_reading_gives_every_row_of_every_shard(finished, plan):
     assert table["group"].tolist() == [row // 3 for row in range(18)]
     assert np.array_equal(table["toa"][4:8], np.load(finished / SHARDS[1])["toa"])
     assert np.array_equal(table["position"], np.repeat(plan.positions, 3, axis=0))
-    with refused("column=tao: must be one of toa, score"):
+    with refused("column=tao: must be one of the set's; did you mean toa?"):
         table["tao"]
 
 

@@ -23,6 +23,7 @@ from echolearn.robot.live import following, live_map
 from echolearn.robot.live.growing_grid import GrowingGrid
 from echolearn.robot.live.line_input import LineInput
 from echolearn.robot.live.live_map import PointSample
+from echolearn.robot.live.viewers import Viewers, Viewing
 from echolearn.robot.shipped import find_bundle
 from echolearn.robot.survey_map import map_survey
 from echolearn.survey import growing
@@ -113,7 +114,46 @@ def test_what_stays_broken_is_left_out_in_a_line(started, mapping, monkeypatch, 
     assert any("must be a path inside the survey's folder" in line for line in said)
 
 
-def test_it_goes_on_after_a_kill_and_ends_as_map_does(started, bundle, tmp_path):
+def test_what_is_not_there_is_waited_for_and_told_once(
+    started, bundle, tmp_path, monkeypatch, capsys
+):
+    """First the table is missing, then two recordings; a third look says nothing again."""
+    monkeypatch.setattr(growing, "PATIENCE", 0.0)
+    monkeypatch.setattr(following, "PATIENCE", 0.0)
+    about = {"folder": tmp_path / "live", "resolution": 0.05, "asked": {}}
+    session = following._session(started, bundle, **about)
+    viewers = Viewers(Viewing(port=None), session.map, folder=tmp_path)
+    follow = following._Following(session, viewers, source=None, until=None, stopped=lambda: False)
+    said = []
+    for poses in ((), (0, 1, 2), ()):
+        record(started, poses=poses)
+        for pose in {*poses} - {0}:
+            (started / "observations" / f"000{pose}.wav").unlink()
+        assert follow.look() and follow.look()
+        said.append(capsys.readouterr().err)
+    begun = "live: waits for "
+    assert said[0].startswith(
+        f"{begun}{started}/poses.csv, not there for 0 s; a row of it is mapped"
+    )
+    assert said[1].startswith(
+        f"{begun}observations/0001.wav of pose 1 and 1 more, not there for 0 s"
+    )
+    assert said[0].count("\n") == said[1].count("\n") == 1 and said[2] == ""
+
+
+def test_a_finished_survey_is_proved_before_the_first_pose(bundle, tmp_path, capsys):
+    """With its manifest, but without its last recordings, it would be refused after all others."""
+    copied = tmp_path / "copied"
+    shutil.copytree(SHORT, copied)
+    about = {"folder": tmp_path / "live", "resolution": 0.05, "asked": {}}
+    following._session(copied, bundle, **about)
+    assert f"{copied}: finished, as its manifest.json says" in capsys.readouterr().err
+    (copied / "poses.csv").write_text("".join(rows()[:5]))
+    with pytest.raises(BadValue, match=r"poses\.csv.*remove its manifest\.json"):
+        following._session(copied, bundle, **about)
+
+
+def test_it_goes_on_after_a_kill_and_ends_as_map_does(started, bundle, tmp_path, capsys):
     """A process of its own is killed; half a row is left, and half a pose recorded meanwhile."""
     runs = tmp_path / "runs"
     words = ["live", f"survey={started}", f"runs={runs}", "port=null"]
@@ -130,7 +170,10 @@ def test_it_goes_on_after_a_kill_and_ends_as_map_does(started, bundle, tmp_path)
     record(started, poses=range(8, 30))
 
     about = {"survey": started, "bundle": bundle}
+    capsys.readouterr()
     made = following.live_survey(**about, runs=runs, until=30)
+    said = capsys.readouterr().err
+    assert f"{live}: goes on where it stopped: 8 poses are mapped, the last is pose 7\n" in said
     assert numbers(live) == [*range(30)]
     alone = map_survey(**about, runs=tmp_path / "alone")
     names = sorted(path.name for path in alone.iterdir())

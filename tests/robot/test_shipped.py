@@ -49,8 +49,10 @@ def test_a_name_is_of_ones_own_bundle_then_of_one_that_comes_along(runs, given, 
 
 def test_a_name_that_no_bundle_has_is_told_with_those_there_are(runs):
     said = "bundle=thiers: must be a folder that echolearn export wrote, or the name of a bundle; "
-    with pytest.raises(BadValue, match=f"{said}known are mine, theirs"):
+    with pytest.raises(BadValue, match=f"{said}did you mean theirs"):
         find_bundle("thiers", runs)
+    with pytest.raises(BadValue, match="known are mine, theirs"):
+        find_bundle("x", runs)
 
 
 class TestPoint:

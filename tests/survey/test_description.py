@@ -91,7 +91,8 @@ def refusal(folder, name):
         ("conditions", {"pings": 2.5}, ".pings=2.5: must be a whole number"),
         ("direct_path", "perhaps", "=perhaps: must be removed or present"),
         ("direct_path", True, "=True: must be removed or present"),
-        ("speed_of_sound", ..., f"=missing: must be a mapping with {KEYS}"),
+        ("speed_of_sound", ..., "=missing: must be there: in m/s, 343"),
+        ("microphones", ..., "=missing: must be there: their positions in the robot's frame in m"),
         ("direct_path", ..., "=missing"),
     ],
 )

@@ -237,7 +237,8 @@ class TestRun:
         self, toy, tmp_path, capfd
     ):
         result = train(LearningProblem(toy), SVM, tmp_path, folds=3)
-        line = r": \d+\.\d s on cpu, test AUC 0\.\d+, balanced accuracy 0\.\d+(; .*_grid)?\n"
+        figures = r"test AUC 0\.\d+, balanced accuracy 0\.\d+"
+        line = rf": \d+\.\d s on cpu, {figures} of {result['rows']['test']} rows(; .*_grid)?\n"
         assert re.fullmatch(result["run"] + line, capfd.readouterr().err)
         auc = result["cross_validation"]["auc"]
         assert auc["mean"] == pytest.approx(0.92, abs=0.06) and 0 < auc["sd"] < 0.1

@@ -12,6 +12,7 @@ Cuts lie midway between neighbouring confidences, and at 0, which keeps all. A p
 of reach: `choose_cut` says so, with the best there is.
 """
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,9 @@ def read_aim(text: object) -> Aim:
         return Aim()
     alone = len(words) == 1 and np.isfinite(_share(words[0]))
     hint = f"precision {words[0]}?" if alone else ""
+    apart = re.sub(r"[=:,]", " ", str(text)).split()
+    if len(apart) == 2 and apart[0] in SHARED:
+        hint = f"did you mean {' '.join(apart)}?"
     check(len(words) == 2 and words[0] in SHARED, "aim", text, allowed=ALLOWED, hint=hint)
     share = _share(words[1])
     hint = f"{share:g} % is {share / 100:g}" if 10 <= share <= 100 else ""

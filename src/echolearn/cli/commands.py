@@ -26,6 +26,7 @@ from echolearn.cli.keys import (
     walk_cells,
     without_inputs,
 )
+from echolearn.cli.set_robot import robot_of_set
 from echolearn.cli.tuning import tune_classifier
 
 SHOWN = ("host=", "port=", "foxglove=", "mcap=", "dds=", "until=", "lines=")
@@ -214,9 +215,8 @@ def _export(config: "Config") -> Path:
         reference=opened_set(walks.resolve()) if walks else None,
         runs=runs,
         evidence=evidence,
-        **built(config["scene"], "array probe", prefix="scene."),
         command=leave_out(("card=", "evidence="), config["command"]),
-        **built(config, "name aim resamples"),
+        **(robot_of_set(config) | built(config, "name aim resamples")),
     )
 
 

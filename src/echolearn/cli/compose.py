@@ -115,6 +115,9 @@ def _parse(word: str) -> "Override":
         hint = quoted(word)
         if not equal:
             hint = NO_PAIR
+        elif "=" in value and not text:
+            blank = value.replace("=", " ")
+            hint = f"is one = too many? {quoted(f'{key}={blank}')}"
         elif value[:1] in ("'", '"', "") or ({*value} & {*"[{"} and not text):
             hint = "are quotes or brackets missing?"
         raise UsageError(f"{word}: cannot be read; {hint}") from error

@@ -160,15 +160,19 @@ def named(config: "Config", key: str, *, place: str) -> Path | None:
 
 def _called(given: str, place: str, *, config: "Config", key: str) -> Path:
     from echolearn.checks import check, suggest
+    from echolearn.storage.kinds import KINDS, elsewhere
     from echolearn.storage.named import folder_named
 
     base = Path(config["runs"]) / place
     found = folder_named(given, place, runs=Path(config["runs"]), key=key)
-    known = sorted(each.name for each in base.glob("*") if each.is_dir())
     # What is a path is refused by whoever reads it, who knows why.
-    there = "/" in given or found.exists() or not known
+    if "/" in given or found.exists():
+        return found
+    known = sorted(each.name for each in base.glob("*") if each.is_dir())
+    kind = next(name for name, each in KINDS.items() if each.place == place)
+    hint = elsewhere(given, wanted=kind, runs=Path(config["runs"]))
     allowed = f"must be a folder, or the name of one under {base}"
-    check(there, key, given, allowed=allowed, hint=suggest(given, known))
+    check(not (known or hint), key, given, allowed=allowed, hint=hint or suggest(given, known))
     return found
 
 

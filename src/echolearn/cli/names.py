@@ -22,6 +22,7 @@ from echolearn.cli.config import UsageError
 from echolearn.cli.own import options_of
 from echolearn.storage.advice import PLACES, assignment, own_command, shell, text_of
 from echolearn.storage.identity import digest
+from echolearn.storage.kinds import check_kind
 from echolearn.storage.manifests import MANIFEST, METRICS, load_manifest
 from echolearn.storage.named import folder_named
 
@@ -90,6 +91,7 @@ def plan_of_folder(words: Sequence[str]) -> list[str]:
     place = folder_named(given, "data", runs=runs, key="plan")
     if not (place / MANIFEST).is_file():
         return list(words)
+    check_kind("plan", place, wanted="set", allowed="must be the name of a plan, or of a set")
     manifest = load_manifest(place)
     index = next(i for i, word in enumerate(words) if word.startswith("plan="))
     # What was recorded has no plan: it is named instead of one.

@@ -312,7 +312,9 @@ def look_closer(
         importance=list(importance_rows(comparison, resamples=resamples)),
         shifts=moved,
         worst=worst_errors(comparison, plan_of),
-        warnings=all_warnings(comparison, trained=inputs.trained, shifts=moved),
+        warnings=all_warnings(
+            comparison, trained=inputs.trained, surveys=inputs.surveys, shifts=moved
+        ),
         selected=selection_lines(inputs.selected),
     )
 

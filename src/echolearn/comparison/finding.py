@@ -1,15 +1,18 @@
 """Where the sets and surveys are that a comparison names, and what tells them from others."""
 
 import re
+from collections.abc import Collection
+from difflib import get_close_matches
 from glob import escape
 from pathlib import Path
 
-from echolearn.checks import check
+from echolearn.checks import check, suggest
 from echolearn.dataset.labelled_set import FORMAT
 from echolearn.storage.advice import assignment, command_line
 from echolearn.storage.files import sha256
 from echolearn.storage.identity import digest
 from echolearn.storage.journal import JOURNAL
+from echolearn.storage.kinds import check_kind, elsewhere
 from echolearn.storage.manifests import MANIFEST, load_manifest, verify
 from echolearn.storage.named import folder_called
 from echolearn.survey.proof import used
@@ -19,10 +22,15 @@ BEGUN = ("simulated.json", "imported.json")
 """Files of surveys that a command makes: without a manifest it has not finished them."""
 
 
-def find_set(runs: Path, name: str) -> Path:
+def find_set(runs: Path, name: str, *, key: str = "tested") -> Path:
     """Return the folder of the one finished set called `name`, of its plan or in full, or there.
 
     Sets of another version are passed over: nothing but `verify` can read them.
+
+    Args:
+        runs: folder of everything generated.
+        name: of the set's plan, or of its folder, or its path.
+        key: what names it.
 
     Raises:
         BadValue: none, or several that differ in their settings.
@@ -34,27 +42,48 @@ def find_set(runs: Path, name: str) -> Path:
     # What follows the name is the digest alone: `grid-*` finds `grid-fine-<digest>`, too.
     named = sorted(each.parent for each in runs.glob(pattern))
     found = [each for each in named if load_manifest(each).get("format") == FORMAT]
-    hint = f"run: {command_line('generate', assignment('plan', name), runs=runs)}"
+    made = command_line("generate", assignment("plan", name), runs=runs)
+    known = {each.parent.name.rpartition("-")[0] for each in runs.glob(f"data/*/{MANIFEST}")}
+    hint = _other_hint(name, wanted="set", runs=runs, known=known) or f"run: {made}"
     if found:
         hint = "remove the outdated: " + ", ".join(map(str, found))
     elif named:
         hint = f"{named[0]} was made by another version of echolearn; {hint}"
     allowed = "must be the name of exactly one finished set"
-    check(len(found) == 1, "tested", name, allowed=allowed, hint=hint)
+    check(len(found) == 1, key, name, allowed=allowed, hint=hint)
     return found[0]
 
 
-def find_survey(runs: Path, name: str) -> Path:
+def _other_hint(name: str, *, wanted: str, runs: Path, known: Collection[str]) -> str:
+    """Return where else a name leads, or which known one it is nearly; or nothing.
+
+    Args:
+        name: that was not found.
+        wanted: kind of folder, of `storage.kinds`.
+        runs: folder of everything generated.
+        known: names of folders of that kind.
+    """
+    # Of names that differ in a number each is as likely meant as typed.
+    near = [each for each in sorted(known) if re.sub(r"\d", "", each) != re.sub(r"\d", "", name)]
+    found = elsewhere(name, wanted=wanted, runs=runs)
+    return found or (suggest(name, near) if get_close_matches(name, near, n=1) else "")
+
+
+def find_survey(runs: Path, name: str, *, key: str = "surveys") -> Path:
     """Return the folder of a survey: a finished one of that name, or one that a robot recorded.
 
     Args:
         runs: folder of everything generated.
         name: name of a folder under `runs/survey`, or a path with a slash to any other.
+        key: what names it.
 
     Raises:
         BadValue: there is none, or it is still being made.
     """
     folder = folder_called(name, "survey", runs=runs) or runs / "survey" / name
+    allowed = "must be the name of a finished survey, or a folder in its format, ./walk"
+    if "/" in name:
+        check_kind(key, folder, wanted="survey", allowed=allowed)
     begun = any((folder / each).is_file() for each in (JOURNAL, *BEGUN))
     recorded = (folder / "survey.yaml").is_file() and not begun
     finished = (folder / MANIFEST).is_file() or recorded
@@ -66,8 +95,10 @@ def find_survey(runs: Path, name: str) -> Path:
     if imported:
         words = [f"source={imported[1]}", f"snr_db={imported[2]}", f"draw={imported[3]}"]
         hint = f"run: {command_line('import', *words, runs=runs)}"
-    allowed = "must be the name of a finished survey, or a folder in its format, ./walk"
-    check(finished, "surveys", name, allowed=allowed, hint=hint)
+    if not finished:
+        known = {each.parent.name for each in runs.glob("survey/*/survey.yaml")}
+        hint = _other_hint(name, wanted="survey", runs=runs, known=known) or hint
+        check(False, key, name, allowed=allowed, hint=hint)
     return folder
 
 

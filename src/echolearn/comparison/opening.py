@@ -10,6 +10,7 @@ from echolearn.comparison.finding import find_set, find_survey
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.robot.scorer import Scorer, load
 from echolearn.robot.shipped import find_bundle
+from echolearn.storage.kinds import elsewhere
 from echolearn.survey.reader import read_survey
 from echolearn.survey.survey import Survey
 from echolearn.training.runs import Run, finished_runs, read_run
@@ -25,7 +26,7 @@ def set_named(name: str | Path, runs: str | Path = RUNS) -> Dataset:
         BadValue: there is none, or a file of it is missing, cut or changed.
     """
     there = Path(name).is_dir()
-    return Dataset(Path(name) if there else find_set(Path(runs), str(name)))
+    return Dataset(Path(name) if there else find_set(Path(runs), str(name), key="set"))
 
 
 def run_named(name: str | Path, runs: str | Path = RUNS) -> Run:
@@ -40,9 +41,11 @@ def run_named(name: str | Path, runs: str | Path = RUNS) -> Run:
         return read_run(Path(name))
     known = [run.folder for run in finished_runs(Path(runs))]
     found = [each for each in known if each.name.startswith(str(name))]
-    shown = ", ".join(each.name for each in found or known)
-    allowed = "must be the beginning of one run's name"
-    check(len(found) == 1, "run", name, allowed=allowed, hint=f"there are {shown or 'none'}")
+    if len(found) != 1:
+        shown = ", ".join(each.name for each in found or known)
+        hint = elsewhere(str(name), wanted="run", runs=Path(runs)) if not found else ""
+        allowed = "must be the beginning of one run's name"
+        check(False, "run", name, allowed=allowed, hint=hint or f"there are {shown or 'none'}")
     return read_run(found[0])
 
 
@@ -53,7 +56,7 @@ def survey_named(name: str | Path, runs: str | Path = RUNS) -> Survey:
         BadValue: there is none, or what describes it is malformed.
     """
     there = Path(name).is_dir()
-    return read_survey(Path(name) if there else find_survey(Path(runs), str(name)))
+    return read_survey(Path(name) if there else find_survey(Path(runs), str(name), key="survey"))
 
 
 def bundle_named(name: str | Path = "point", runs: str | Path = RUNS) -> Scorer:

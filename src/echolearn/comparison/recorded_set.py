@@ -37,6 +37,7 @@ from echolearn.mapping.echo_map import echo_map
 from echolearn.storage import manifests
 from echolearn.storage.identity import plain
 from echolearn.storage.once import locked
+from echolearn.survey.floor_plan import floor_size
 from echolearn.survey.survey import Survey
 
 APART = 0.1
@@ -241,15 +242,11 @@ def _context(survey: Survey) -> dict[str, Array]:
     """Return what the localizer did not know of each pose; unknown is NaN, of sizes 0."""
     count = len(survey)
     unknown = np.full(count, np.nan)
-    sides = np.zeros(2)
-    if survey.walls is not None:
-        corners = survey.walls.reshape(-1, 2)
-        sides = corners.max(axis=0) - corners.min(axis=0)
     return {
         "snr_db": np.full(count, joint_snr_db(survey.conditions)),
         "gain_db": np.zeros(count),
         "t60": unknown,
-        "room": np.tile([*sides, 0.0], (count, 1)),
+        "room": np.tile([*floor_size(survey.walls), 0.0], (count, 1)),
         "position": np.array([pose.position for pose in survey.poses], dtype=float),
         "heading": np.array([pose.heading for pose in survey.poses], dtype=float),
         "group": place_groups(survey),

@@ -29,7 +29,7 @@ from echolearn.robot.pages import inline_svg, page_head
 from echolearn.storage.manifests import Contents
 from echolearn.storage.marked_page import Markers, write_beside, write_between
 
-FORMAT = 11
+FORMAT = 12
 """Version of the report and the tables; part of a comparison's identity."""
 
 LIBRARIES = "numpy scipy scikit-learn torch lightning onnxruntime pyroomacoustics".split()

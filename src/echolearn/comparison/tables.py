@@ -4,7 +4,7 @@ A cell of a table is a row of `results.csv`, so each figure keeps its interval. 
 what their columns say, `pivot` spreads them over lines and cells.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from operator import attrgetter, itemgetter
 from statistics import mean, stdev
 from typing import Any
@@ -33,6 +33,13 @@ PAPER_PLANS = ("paper", "paper_planar")
 
 SHOWN_DB = ("-10", "-5", "0")
 """SNRs of the maps' tables."""
+
+SHORT = 12
+"""Lines that a terminal and a README show whole; of a longer table they show `IN_SHORT`, the chosen
+classifier and bundles, and all of it is in the report and in results.csv."""
+
+IN_SHORT = ("svm_toa", "svm_pair", "threshold_peak", "chance")
+"""The paper's classifiers, the yardstick that tests are against, and who knows nothing."""
 
 
 def placed(rows: Iterable[Row], surveys: Iterable[LocalizedSurvey]) -> list[Row]:
@@ -94,6 +101,9 @@ def gather(comparison: Comparison) -> dict[str, Any]:
     here = pick(rows, training=("-", source))
     left = pick(here, kind="survey", classifier=best.classifier)
     runs = [run for seeds in trained(comparison).values() for run in seeds]
+    spread = generalisation(rows, localizer=localizer)
+    bundles = [each.classifier for each in comparison.models if each.role == BUNDLE]
+    short = in_short(spread, always=(*IN_SHORT, best.classifier, *bundles))
     about = {*comparison.sets, *(model.trained_on for model in comparison.models)}
     return {
         "paper": not about.isdisjoint(PAPER_PLANS),
@@ -117,10 +127,12 @@ def gather(comparison: Comparison) -> dict[str, Any]:
         "directions": by_room(unfiltered(rows)),
         "precision": by_room(pick(left, metric="precision")),
         "retention": by_room(pick(left, metric="true_retention")),
-        "generalisation": generalisation(rows, localizer=localizer),
+        "generalisation": spread,
+        "short": short,
+        "left_out": len({line[2] for line in spread} - {line[2] for line in short}),
         "measured": measured_tables(rows, comparison.measured, localizer=localizer),
         "unfit": UNFIT,
-        "bundles": [each.classifier for each in comparison.models if each.role == BUNDLE],
+        "bundles": bundles,
         "protocol": protocol(comparison),
         "leak": leak(rows),
         "tests": tests,
@@ -204,6 +216,21 @@ def generalisation(rows: Iterable[Row], *, localizer: str) -> Table:
     # Where both are known, time and direction together take the place of time alone.
     in_turn = sorted(aucs, key=itemgetter("training"))
     return pivot(in_turn, lines=("training", "split", "classifier"), cells="tested_on")
+
+
+def in_short(table: Table, *, always: Collection[str]) -> Table:
+    """Return the lines of `generalisation` that a terminal shows, all of them if they are few.
+
+    A split by rows lets memory pass for skill, so it stands only where that is told.
+
+    Args:
+        table: lines by training, split and classifier.
+        always: classifiers that a long table keeps.
+    """
+    told = {line: cells for line, cells in table.items() if line[1] != "row"}
+    if len(told) <= SHORT:
+        return told
+    return {line: cells for line, cells in told.items() if line[2] in always}
 
 
 def localizers_of(comparison: Comparison) -> list[str]:

@@ -13,10 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from echolearn.acoustics.types import Array
 from echolearn.comparison.choice import Comparison, headline
 from echolearn.comparison.rivals import BASELINE
 from echolearn.dataset.labelled_set import Dataset
 from echolearn.evaluation.rows import Row, pick
+from echolearn.survey.floor_plan import floor_size
+from echolearn.survey.reader import read_survey
+from echolearn.survey.survey import Survey
 
 COLUMNS = "code classifier training tested_on value limit message".split()
 """Columns of `warnings.csv`."""
@@ -68,17 +72,22 @@ class Warned(NamedTuple):
 
 
 def all_warnings(
-    comparison: Comparison, *, trained: Mapping[str, Path], shifts: Sequence[Row]
+    comparison: Comparison,
+    *,
+    trained: Mapping[str, Path],
+    surveys: Mapping[str, Path],
+    shifts: Sequence[Row],
 ) -> list[Warned]:
     """Return every warning of a comparison, by code.
 
     Args:
         comparison: what was found.
         trained: folders of training sets by their digests.
+        surveys: folders of the surveys that were tested on, by name.
         shifts: rows of `shifts.csv`.
     """
     return [
-        *leaks(comparison, trained),
+        *leaks(comparison, trained, surveys=surveys),
         *below_threshold(comparison.tests),
         *unsettled(comparison),
         *saturated(comparison),
@@ -87,12 +96,23 @@ def all_warnings(
     ]
 
 
-def leaks(comparison: Comparison, trained: Mapping[str, Path]) -> Iterator[Warned]:
-    """Yield W01: test rows that a model has seen, or whose position it has."""
+def leaks(
+    comparison: Comparison, trained: Mapping[str, Path], *, surveys: Mapping[str, Path]
+) -> Iterator[Warned]:
+    """Yield W01: test rows that a model has seen, or whose position it has.
+
+    Args:
+        comparison: what was found.
+        trained: folders of training sets by their digests.
+        surveys: folders of the surveys that were tested on, by name.
+    """
     for model in comparison.models:
         if model.split == "row" and model.full == model:
             message = "rows of one position stand on both sides of the split"
             yield Warned("W01", model.classifier, model.training, model.trained_on, 1, 0, message)
+    # Rows of results call a survey by its folder, from wherever it was taken.
+    walks = {folder.name: walked_places(read_survey(folder)) for folder in surveys.values()}
+    sets = {name: places(dataset) for name, dataset in comparison.sets.items()}
     yield from _begun_on(comparison)
     used = {
         each for runs in comparison.models.values() for run in runs for each in run.learned_from
@@ -100,12 +120,14 @@ def leaks(comparison: Comparison, trained: Mapping[str, Path]) -> Iterator[Warne
     for digest in sorted(used & {*trained}):
         training = Dataset(trained[digest])
         known = {*places(training)}
-        for name, dataset in comparison.sets.items():
-            if dataset.digest == digest or not known:
-                continue
-            share = float(np.mean([place in known for place in places(dataset)]))
+        # On the set itself, models are tested by the rows that their split held out.
+        others = [name for name, dataset in comparison.sets.items() if dataset.digest != digest]
+        tested = [(name, sets[name], "rows") for name in others]
+        tested += [(name, walk, "poses") for name, walk in walks.items()]
+        for name, there, what in tested:
+            share = float(np.mean([place in known for place in there] or [False]))
             if share > 0:
-                message = f"{share:.1%} of its rows are at positions of the training set"
+                message = f"{share:.1%} of its {what} are at positions of the training set"
                 yield Warned("W01", "", training.name, name, share, 0, message)
 
 
@@ -121,10 +143,26 @@ def _begun_on(comparison: Comparison) -> Iterator[Warned]:
 
 
 def places(dataset: Dataset) -> list[bytes]:
-    """Return where each row was heard, room and position to the micrometre, as a key."""
+    """Return where each row was heard, as keys."""
     if not dataset.holds(["room", "position"]):
         return []
-    both = np.concatenate([dataset["room"], dataset["position"]], axis=1)
+    return _keys(dataset["room"], dataset["position"])
+
+
+def walked_places(survey: Survey) -> list[bytes]:
+    """Return where each pose of a survey is, as keys."""
+    room = np.tile(floor_size(survey.walls), (len(survey), 1))
+    return _keys(room, np.array([pose.position for pose in survey.poses], dtype=float))
+
+
+def _keys(room: Array, position: Array) -> list[bytes]:
+    """Return a key for each place: floor and position to the micrometre.
+
+    Args:
+        room: sizes, shape (B, 2 or 3), in m; the height is not asked, which no survey tells.
+        position: shape (B, 3), in m.
+    """
+    both = np.concatenate([room[:, :2], position], axis=1)
     return [each.tobytes() for each in np.rint(1e6 * both).astype(np.int64)]
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Collection
 from functools import cached_property, partial
 from html import escape
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +10,14 @@ import numpy as np
 
 from echolearn.acoustics.signals import joint_db
 from echolearn.acoustics.types import Array, MicArray
-from echolearn.checks import BadValue, check
+from echolearn.checks import BadValue, check, suggest
 from echolearn.dataset import derived
 from echolearn.localization.columns import FURTHER
 from echolearn.storage import manifests
-from echolearn.storage.advice import repair_hint
+from echolearn.storage.advice import data_frame, repair_hint
 from echolearn.storage.files import let_go, open_array
 from echolearn.storage.identity import digest
+from echolearn.storage.kinds import kind_of, told
 
 RECORDED = "recorded"
 """Kind of the plan of a set that was labelled from a recorded survey."""
@@ -47,6 +47,7 @@ class Dataset:
             "set",
             self.folder,
             allowed="must be a folder that echolearn generate wrote",
+            hint=told(self.folder, kind_of(self.folder), "set"),
         )
         self._check_format()
         manifests.check_own_name(self.folder, self.manifest)
@@ -77,9 +78,7 @@ class Dataset:
 
     def to_pandas(self) -> Any:
         """Return the columns as a `pandas.DataFrame`; pandas is not installed with echolearn."""
-        # No library of echolearn's: whoever asks for a table of it has it.
-        frame: Any = import_module("pandas").DataFrame
-        return frame({name: self[name] for name in self.columns})
+        return data_frame()({name: self[name] for name in self.columns})
 
     def _check_format(self) -> None:
         """Refuse a set whose manifest or columns are those of another version."""
@@ -145,11 +144,10 @@ class Dataset:
         if name == "candidates":
             return derived.candidates_of(self.gather, rows, echoes=self.echoes)
         if name not in (known.names or ()):
-            allowed = f"must be one of {', '.join(known.names or ())}"
-            hint = "does the set come from an older version?"
+            hint = suggest(str(name), known.names or ())
             if name in FURTHER:
                 hint = f"generate it with plan.further=[{name}]"
-            raise BadValue(f"column={name}: {allowed}; {hint}")
+            raise BadValue(f"column={name}: must be one of the set's; {hint}")
         found = np.empty((len(rows), *known[name].shape), dtype=known[name].base)
         order = np.argsort(rows, kind="stable")
         ordered = rows[order]

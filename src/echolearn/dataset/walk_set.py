@@ -12,6 +12,7 @@ from echolearn.storage import manifests
 from echolearn.storage.advice import repair_hint
 from echolearn.storage.files import let_go, open_array
 from echolearn.storage.identity import digest
+from echolearn.storage.kinds import kind_of, told
 from echolearn.walls.walk import HeardWalk
 
 KIND = "walks"
@@ -33,7 +34,8 @@ class WalkSet:
         self.folder = Path(folder)
         self.manifest = manifests.load_manifest(self.folder)
         allowed = "must be a folder that echolearn generate plan=walks wrote"
-        check(self.manifest.get("kind") == KIND, "set", self.folder, allowed=allowed)
+        hint = told(self.folder, kind_of(self.folder), KIND)
+        check(self.manifest.get("kind") == KIND, "set", self.folder, allowed=allowed, hint=hint)
         manifests.check_own_name(self.folder, self.manifest)
         self.digest: str = digest(self.manifest["files"])
         mend = repair_hint(self.manifest, self.folder)

@@ -18,6 +18,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -27,7 +28,7 @@ import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, MicArray, Probe
-from echolearn.checks import BadValue, check
+from echolearn.checks import BadValue, check, suggest
 from echolearn.localization import methods
 from echolearn.localization.columns import EVERY_COLUMN, SEVERAL, TENSOR_VIEWS, UNITS, tensor_shape
 from echolearn.localization.localizer import Localizer
@@ -36,6 +37,7 @@ from echolearn.robot.reference import Reference, read_reference
 from echolearn.robot.schema import GOLDEN, REFERENCE, limits_of, upgraded
 from echolearn.storage import manifests
 from echolearn.storage.files import MEND, json_bytes, one_line
+from echolearn.storage.kinds import check_kind
 from echolearn.survey.audio import burst_of, wav_samples
 
 NEWER = "was it made by a newer echolearn?"
@@ -115,11 +117,7 @@ def read_content(folder: Path) -> dict[str, Any]:
     """
     place = folder / manifests.BUNDLE
     allowed = "must be a folder that echolearn export wrote"
-    manifests.check_folder("bundle", folder, allowed=allowed)
-    # Both are folders, named one after the other on the command line.
-    swapped = (folder / "survey.yaml").is_file() and not place.exists()
-    hint = "this is a survey; did you swap survey and bundle?"
-    check(not swapped, "bundle", folder, allowed=allowed, hint=hint)
+    check_kind("bundle", folder, wanted="bundle", allowed=allowed)
     return _parse(untrusted_files.read_bytes(place, limit=1 << 20), str(place))
 
 
@@ -233,7 +231,7 @@ def localizer_of(*, name: str, arguments: Mapping[str, Any], window: SearchWindo
         "localizer.name",
         name,
         allowed=f"must be one of {', '.join(known)}",
-        hint=NEWER,
+        hint=suggest(name, known) if get_close_matches(name, known, n=1) else NEWER,
     )
     module = import_module(f"{methods.__name__}.{name}")
     classes = {key.lower(): value for key, value in vars(module).items() if isinstance(value, type)}

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, Echoes, Observation
+from echolearn.checks import check
 from echolearn.localization.localize import localize
 from echolearn.localization.localizer import Localizer
-from echolearn.robot.bundle import localizer_of
+from echolearn.robot.bundle import localizer_names, localizer_of
 
 NEAR = SearchWindow()
 """Distances within which echoes are sought unless others are told: the paper's, 1 to 2 m."""
@@ -28,8 +29,15 @@ def localize_named(
     Raises:
         BadValue: no localizer of that name, or recordings that cannot be analysed.
     """
+    hint = "of a survey's pose 0: survey.observe([0])"
+    allowed = "must be an Observation"
+    given = type(observation).__name__
+    check(isinstance(observation, Observation), "observation", given, allowed=allowed, hint=hint)
     if isinstance(localizer, str):
         localizer = localizer_of(name=localizer, arguments={}, window=window)
+    allowed = f"must be a localizer, or one of {', '.join(localizer_names())}"
+    fits = hasattr(localizer, "window")
+    check(fits, "localizer", type(localizer).__name__, allowed=allowed)
     return localize(batched(observation), localizer)
 
 

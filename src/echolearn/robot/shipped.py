@@ -11,7 +11,8 @@ import json
 from functools import cache
 from pathlib import Path
 
-from echolearn.checks import check
+from echolearn.checks import check, suggest
+from echolearn.storage.kinds import elsewhere
 from echolearn.storage.manifests import BUNDLE
 
 FOLDER = Path(__file__).parents[1] / "bundles"
@@ -40,9 +41,11 @@ def find_bundle(
     places = [Path(runs) / "bundles" / path, FOLDER / path]
     found = [place for place in places if (place / BUNDLE).is_file()]
     made = {place.parent.name for place in (Path(runs) / "bundles").glob(f"*/{BUNDLE}")}
-    hint = f"known are {', '.join(sorted(made | {*digests()}))}"
     # A folder that is no bundle is refused by whoever reads it, who knows why.
-    check(bool(found) or path.exists(), key, given, allowed=allowed, hint=hint)
+    if not found and not path.exists():
+        hint = elsewhere(str(given), wanted="bundle", runs=runs)
+        hint = hint or suggest(str(given), sorted(made | {*digests()}))
+        check(False, key, given, allowed=allowed, hint=hint)
     return next(iter(found), path)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from echolearn.acoustics.types import MicArray, Noise, Probe
 from echolearn.checks import check
 from echolearn.simulation.scene import Responder, Scene
-from echolearn.storage import manifests
+from echolearn.storage.kinds import check_kind
 from echolearn.survey.reader import read_survey
 from echolearn.survey.robot_file import read_robot
 from echolearn.survey.survey import Survey
@@ -62,5 +62,5 @@ def _opened(folder: str | None) -> Survey:
     place = Path(str(folder))
     if place.is_file():
         return read_robot(place)
-    manifests.check_folder("scene.folder", place, allowed=allowed)
+    check_kind("scene.folder", place, wanted="survey", allowed=allowed)
     return read_survey(place)

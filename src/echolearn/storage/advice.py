@@ -13,9 +13,11 @@ import re
 import shlex
 from collections.abc import Mapping
 from glob import escape
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from echolearn.checks import BadValue
 from echolearn.storage import known
 from echolearn.storage.files import MEND
 
@@ -85,6 +87,18 @@ def own_command(manifest: Mapping[str, Any]) -> str:
     command = manifest.get("command")
     own = known.is_known(str(manifest.get("sha256")), known.MADE)
     return str(command) if own and is_command(command) else ""
+
+
+def data_frame() -> Any:
+    """Return `pandas.DataFrame`; no library of echolearn's needs pandas, so it may not be here.
+
+    Raises:
+        BadValue: it is not.
+    """
+    try:
+        return import_module("pandas").DataFrame
+    except ModuleNotFoundError:
+        raise BadValue("to_pandas: needs pandas; pip install pandas") from None
 
 
 def repair_hint(manifest: Mapping[str, Any], folder: Path) -> str:

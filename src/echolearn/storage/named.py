@@ -10,15 +10,9 @@ from glob import escape
 from pathlib import Path
 
 from echolearn.checks import check
-from echolearn.storage.manifests import BUNDLE, MANIFEST, METRICS
+from echolearn.storage.kinds import KINDS, kind_of
 
-MARKS = {
-    "data": MANIFEST,
-    "train": METRICS,
-    "survey": "survey.yaml",
-    "compare": MANIFEST,
-    "bundles": BUNDLE,
-}
+MARKS = {kind.place: kind.mark for kind in KINDS.values()}
 """File by which a finished folder is known, for each place under `runs`."""
 
 
@@ -53,10 +47,16 @@ def folder_called(given: str | Path, place: str, *, runs: Path) -> Path | None:
     """
     path = Path(given)
     # Of a folder that is here, what it is shows in it: another of that name may lie under `runs`.
-    if "/" in str(given) or (path / MARKS[place]).is_file():
+    if "/" in str(given) or ((path / MARKS[place]).is_file() and _may_lie(path, place)):
         return path
     exact = Path(runs) / place / path
     return exact if str(given) and exact.is_dir() else None
+
+
+def _may_lie(folder: Path, place: str) -> bool:
+    """Tell whether a folder may be one of a place under `runs`: it does not say anything else."""
+    found = kind_of(folder)
+    return not found or KINDS[found].place == place
 
 
 def all_named(given: str, *, runs: Path) -> list[str]:

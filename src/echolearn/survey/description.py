@@ -7,7 +7,7 @@ anything is built from it. So is a key that is there twice, of which YAML would 
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -54,6 +54,16 @@ Loader.add_implicit_resolver(
 Loader.yaml_implicit_resolvers["0"].insert(
     0, ("tag:yaml.org,2002:float", re.compile(r"0[0-9_]+\Z"))
 )
+
+
+NEEDED = {
+    "sample_rate": "the rate of the recordings in Hz, 48000",
+    "speed_of_sound": "in m/s, 343 in air of 20 degrees",
+    "microphones": "their positions in the robot's frame in m, [[x, y, z], ...], one a channel",
+    "loudspeaker": "its position in the robot's frame in m, [x, y, z]",
+    "direct_path": "removed, or present where what comes straight from the loudspeaker is recorded",
+}
+"""What keys hold that have to be there."""
 
 
 LEVEL = partial(check_number, low=-200.0, high=200.0, unit="dB", hint=UNKNOWN)
@@ -122,6 +132,7 @@ def read_keys(
         if isinstance(content, dict):
             missing = {key for key in optional if content.get(key) is None}
             content |= {key: optional[key] for key in missing}
+            _check_needed(content, table)
         check_plain("", content, table=table, hint=hint)
     except BadValue as error:
         raise BadValue(f"{path} {error}") from None
@@ -133,6 +144,14 @@ def read_keys(
     for key in ("microphones", "loudspeaker"):
         content[key] = np.array(content[key], dtype=float)
     return dict(content)
+
+
+def _check_needed(content: Mapping[str, Any], table: Collection[str]) -> None:
+    """Raise `BadValue` if a key of `NEEDED` is missing, unless another may be it, misspelt."""
+    misspelt = any(key not in table for key in content)
+    for key, held in NEEDED.items() if not misspelt else ():
+        there = key in content or key not in table
+        check(there, key, "missing", allowed=f"must be there: {held}")
 
 
 def _about_yaml(path: Path, error: Exception) -> str:

@@ -37,6 +37,11 @@ def check_walls(name: str, value: Any) -> None:
         _check_line(f"{name}.{number}", line)
 
 
+def floor_size(walls: Array | None) -> Array:
+    """Return how far a floor plan, sides (S, 2, 2), reaches along x and y, in m; else 0."""
+    return np.zeros(2) if walls is None else np.ptp(walls, axis=(0, 1))
+
+
 def check_outline(name: str, value: object) -> None:
     """Raise `BadValue` unless corners (C, 2) are those of a polygon.
 

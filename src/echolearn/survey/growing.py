@@ -45,12 +45,14 @@ class Waiting:
         state: size and time of its file when it was last tried; None if it was not there.
         since: when that was first so, in s.
         error: what was wrong with it.
+        told: whether it was told that its file is not there.
     """
 
     cells: Mapping[str, Any]
     state: tuple[int, int] | None = None
-    since: float = 0.0
+    since: float = field(default_factory=time.monotonic)
     error: BadValue = field(default_factory=lambda: BadValue("not tried"))
+    told: bool = False
 
 
 @dataclass
@@ -129,6 +131,16 @@ class GrowingSurvey:
         found = [row for row in self.waiting if row.state is not None and row.since < latest]
         for row in found:
             self.waiting.remove(row)
+        return found
+
+    def overdue(self) -> list[Waiting]:
+        """Return rows whose recordings have not been there for `PATIENCE`, each of them once."""
+        latest = time.monotonic() - PATIENCE
+        found = [
+            row for row in self.waiting if row.state is None and row.since < latest and not row.told
+        ]
+        for row in found:
+            row.told = True
         return found
 
     @property

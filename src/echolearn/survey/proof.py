@@ -11,10 +11,11 @@ from echolearn.checks import BadValue, check
 from echolearn.storage import manifests
 from echolearn.storage.advice import repair_hint
 from echolearn.storage.files import check_file
+from echolearn.storage.kinds import check_kind
 from echolearn.survey.audio import LARGEST
 from echolearn.survey.description import LARGEST_YAML
 from echolearn.survey.poses import LARGEST_CSV
-from echolearn.survey.reader import read_survey
+from echolearn.survey.reader import FORMAT, read_survey
 from echolearn.survey.survey import CALIBRATION, NOISE, Survey
 from echolearn.survey.truth import LARGEST_TRUTH, TRUTH
 
@@ -49,6 +50,7 @@ def read_proved(folder: Path) -> tuple[Survey, int]:
         BadValue: as `prove_manifest` and `read_survey`, or a file in use that the manifest does not
             name.
     """
+    check_kind("survey", Path(folder), wanted="survey", allowed=FORMAT)
     entries = prove_manifest(folder)
     survey = read_survey(folder)
     for name in used(survey) if entries else ():

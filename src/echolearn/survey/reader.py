@@ -28,7 +28,7 @@ import numpy as np
 
 from echolearn.acoustics.types import LONGEST, Array, MicArray, Pose, Probe
 from echolearn.checks import check
-from echolearn.storage import manifests
+from echolearn.storage.kinds import check_kind
 from echolearn.survey import audio
 from echolearn.survey.containers import Containers, numbers_of
 from echolearn.survey.description import read_description
@@ -36,6 +36,7 @@ from echolearn.survey.poses import Poses, read_poses
 from echolearn.survey.survey import CALIBRATION, NOISE, Survey
 from echolearn.survey.truth import TRUTH, read_truth
 
+FORMAT = "must be a folder in the recorded-survey format"
 INSIDE = "must be a path inside the survey's folder"
 
 
@@ -88,11 +89,7 @@ def read_described(folder: Path) -> Survey:
             direct path.
     """
     folder = Path(folder)
-    allowed = "must be a folder in the recorded-survey format"
-    manifests.check_folder("survey", folder, allowed=allowed)
-    swapped = (folder / manifests.BUNDLE).is_file() and not (folder / "survey.yaml").exists()
-    hint = "this is a bundle; did you swap survey and bundle?"
-    check(not swapped, "survey", folder, allowed=allowed, hint=hint)
+    check_kind("survey", folder, wanted="survey", allowed=FORMAT)
     # A link could make the map a copy of any file of this machine.
     for name in ("survey.yaml", "probe.wav", "poses.csv", NOISE, CALIBRATION, TRUTH):
         check(lies_inside(folder, name), f"{folder}/{name}", "a link", allowed=INSIDE)

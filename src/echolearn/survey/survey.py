@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from html import escape
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,8 @@ import numpy as np
 from echolearn.acoustics import signals
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, MicArray, Observation, Pose, Probe, Truth
-from echolearn.checks import check
+from echolearn.checks import check, check_whole
+from echolearn.storage.advice import data_frame
 from echolearn.survey import audio, direct_path, early, played
 from echolearn.survey.containers import Containers
 from echolearn.survey.mending import Mending, steadied, taken_off
@@ -102,9 +102,7 @@ class Survey:
     def to_pandas(self) -> Any:
         """Return the poses as a `pandas.DataFrame`; pandas is not installed with echolearn."""
         rows = [(*pose.position, pose.heading) for pose in self.poses]
-        # No library of echolearn's: whoever asks for a table of it has it.
-        frame: Any = import_module("pandas").DataFrame
-        table = frame(rows, columns=["x_m", "y_m", "z_m", "heading_rad"])
+        table = data_frame()(rows, columns=["x_m", "y_m", "z_m", "heading_rad"])
         return table.assign(file=self.files)
 
     def __len__(self) -> int:
@@ -117,9 +115,10 @@ class Survey:
         What `noise.wav` tells of the noise goes with them, for localizers that whiten.
 
         Raises:
-            BadValue: a recording that is missing, has another sample rate, number of channels or
-                length, or NaN; or such a calibration or noise.
+            BadValue: no list of poses of this survey; a recording that is missing, has another
+                sample rate, number of channels or length, or NaN; or such a calibration or noise.
         """
+        self._check_numbers(poses)
         samples = np.stack([self.mended(pose) for pose in poses])
         if self.direct:
             samples = self.without_direct(samples, poses)
@@ -134,6 +133,16 @@ class Survey:
             noise_psd=psd,
             noise_covariance=covariance,
         )
+
+    def _check_numbers(self, poses: Sequence[int]) -> None:
+        """Raise `BadValue` unless poses are some of this survey's, by their numbers from 0."""
+        last = len(self) - 1
+        allowed = f"must be a list of whole numbers from 0 to {last}, as [0] or range(2)"
+        listed = isinstance(poses, Sequence | np.ndarray) and not isinstance(poses, str)
+        check(listed and len(poses) > 0, "poses", poses, allowed=allowed)
+        for pose in poses:
+            # A negative one would be a pose from the end, and the last one be taken for the first.
+            check_whole("poses", pose, low=0, high=last, hint="they are counted from 0")
 
     def mended(self, pose: int) -> Array:
         """Return the recording of a pose as it should have been, shape (M, N)."""

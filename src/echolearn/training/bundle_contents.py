@@ -23,7 +23,7 @@ from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import check
 from echolearn.classifiers.inputs import as_input, is_tensor, stack_inputs, view_of
 from echolearn.classifiers.operating_point import BALANCED
-from echolearn.dataset.labelled_set import Dataset
+from echolearn.dataset.labelled_set import RECORDED, Dataset
 from echolearn.evaluation import metrics, scoring
 from echolearn.evaluation.calibration_rows import score_calibration
 from echolearn.localization.columns import COVARIANCE_BANDS, UNITS, tensor_shape
@@ -111,6 +111,8 @@ def recording_description(
     scene = plan["scene"]
     # The manifest holds arrays as hashes, so the values come from the command and are compared.
     hint = "give the scene.* overrides that the set was generated with"
+    if plan.get("kind") == RECORDED:
+        hint = "give its survey: scene=survey scene.folder=<folder>"
     for name, given in (("array", array), ("probe", probe)):
         allowed = f"must be the {name} of the run's set"
         same = plain(given) == scene[name]

@@ -20,6 +20,8 @@ from echolearn.robot.reference import Reference
 from echolearn.storage import manifests
 from echolearn.storage.advice import assignment, command_line, repair_hint
 from echolearn.storage.files import clean, load_json, write_atomic
+from echolearn.storage.identity import digest
+from echolearn.storage.kinds import check_kind
 from echolearn.storage.once import locked
 from echolearn.training.bundle_contents import bundle_description, bundle_files, map_figures
 from echolearn.training.card import card as card_of
@@ -150,7 +152,7 @@ def open_run(folder: Path) -> Run:
     Raises:
         BadValue: not a folder that `train` wrote, or one that is damaged or of another version.
     """
-    manifests.check_folder("run", folder, allowed=RUN)
+    check_kind("run", folder, wanted="run", allowed=RUN)
     folder = folder.resolve()
     check((folder / manifests.METRICS).is_file(), "run", folder, allowed=RUN)
     return read_run(folder)
@@ -163,7 +165,7 @@ def run_chosen_by(comparison: Path) -> Run:
         BadValue: not a folder that `compare` wrote, or one that is damaged or outdated.
     """
     hint = "make paper makes runs/compare/paper, or: echolearn compare"
-    manifests.check_folder("best", comparison, allowed=COMPARISON, hint=hint)
+    check_kind("best", comparison, wanted="comparison", allowed=COMPARISON, hint=hint)
     folder = comparison.resolve()
     manifest = manifests.verify(folder)
     check(manifest.get("kind") == "comparison", "best", folder, allowed=COMPARISON)
@@ -185,16 +187,20 @@ def run_chosen_by(comparison: Path) -> Run:
 
 
 def set_of(run: Run) -> Dataset:
-    """Return the set that a run was trained on, from beside the run.
+    """Return the set that a run was trained on, from beside the run."""
+    return Dataset(set_folder(run))
+
+
+def set_folder(run: Run) -> Path:
+    """Return the folder of the set that a run was trained on, beside the run.
 
     Raises:
         BadValue: it is not there.
     """
     place = run.folder.parents[1] / "data"
-    for manifest in sorted(place.glob(f"{escape(run.model.trained_on)}-*/{manifests.MANIFEST}")):
-        dataset = Dataset(manifest.parent)
-        if dataset.digest == run.data_digest:
-            return dataset
+    for path in sorted(place.glob(f"{escape(run.model.trained_on)}-*/{manifests.MANIFEST}")):
+        if digest(manifests.load_manifest(path.parent)["files"]) == run.data_digest:
+            return path.parent
     make = command_line("generate", assignment("plan", run.model.trained_on), runs=place.parent)
     raise BadValue(f"run={run.folder}: its set must be under {place}; make it: {make}")
 

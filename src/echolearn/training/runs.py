@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,9 @@ from echolearn.evaluation.rows import Model
 from echolearn.localization.columns import EVERY_COLUMN, EVERY_TENSOR, SEVERAL, STRIPS
 from echolearn.robot.schema import ADAPTED
 from echolearn.storage import manifests
+from echolearn.storage.advice import data_frame
 from echolearn.storage.identity import digest
+from echolearn.storage.kinds import check_kind
 from echolearn.storage.tables import check_plain
 from echolearn.training.fields import FIELDS
 from echolearn.walls.nouns import GEOMETRY, SOUND
@@ -86,9 +87,7 @@ class Run:
 
     def to_pandas(self) -> Any:
         """Return the metrics of both parts as a `pandas.DataFrame`, a row each."""
-        # No library of echolearn's: whoever asks for a table of it has it.
-        frame: Any = import_module("pandas").DataFrame
-        return frame({part: self.metrics[part] for part in ("validation", "test")})
+        return data_frame()({part: self.metrics[part] for part in ("validation", "test")})
 
     @property
     def identity(self) -> str:
@@ -149,6 +148,8 @@ def read_run(folder: Path) -> Run:
         BadValue: it is not finished or damaged, another version of echolearn has made it, or its
             metrics are not what a run has.
     """
+    allowed = "must be a folder that echolearn train wrote"
+    check_kind("run", Path(folder), wanted="run", allowed=allowed)
     run = Run(folder, manifests.verify(folder))
     manifests.check_own_name(folder, run.metrics)
     maker = other_maker(run)

@@ -325,7 +325,8 @@ def _report(result: Mapping[str, Any], seconds: float) -> None:
     test = result["test"]
     figures = f"test AUC {test['auc']:.3f}, balanced accuracy {test['balanced_accuracy']:.3f}"
     spent = f"{seconds:.1f} s on {result['accelerator']}"
-    told = "; ".join([f"{spent}, {figures}", *result.get("edges", ())])
+    count = result["rows"]["test"]
+    told = "; ".join([f"{spent}, {figures} of {count} rows", *result.get("edges", ())])
     print(f"{result['run']}: {told}", file=sys.stderr, flush=True)
     missed = result["operating_point"]["missed"]
     if missed:

@@ -26,8 +26,10 @@ from echolearn.robot.live.session import LiveSession
 from echolearn.robot.live.viewers import Viewers, Viewing
 from echolearn.robot.scorer import load
 from echolearn.robot.survey_map import map_survey, seeking
+from echolearn.storage.manifests import MANIFEST
 from echolearn.storage.once import claimed
 from echolearn.survey.growing import PATIENCE
+from echolearn.survey.proof import prove_manifest
 from echolearn.survey.reader import read_described
 
 LOOK = 0.05
@@ -95,6 +97,9 @@ def _session(
     sign = (asked.get("localizer") or {}).get("sign")
     scorer = seeking(load(bundle), sign)
     described = read_described(survey)
+    # What is finished does not grow: `map` would refuse it at the end, all poses later.
+    if prove_manifest(survey):
+        print(f"{survey}: finished, as its {MANIFEST} says: no pose will come", file=sys.stderr)
     played = asked.get("played")
     hint = "all recordings are needed to take the burst from a walk"
     check(played != "walk", "played", played, allowed="must be calibration or null", hint=hint)
@@ -107,6 +112,9 @@ def _session(
     table = LiveFolder(folder, live_inputs(walk, scorer.bundle.about, asked=wanted))
     if table.replaced:
         print(f"{folder}: replaces the live map of something else", file=sys.stderr)
+    if table.done:
+        last = f"{len(table.done)} poses are mapped, the last is pose {max(table.done)}"
+        print(f"{folder}: goes on where it stopped: {last}", file=sys.stderr)
     return LiveSession(scorer, walk, table, LiveMap(GrowingGrid(resolution)))
 
 
@@ -166,6 +174,7 @@ class _Following:
         self._stopped = stopped
         self._came = time.monotonic()
         self._told = self._came
+        self._table_told = False
 
     def look(self) -> bool:
         """Map what has come, wait for more, and return whether there may be."""
@@ -176,12 +185,26 @@ class _Following:
                 return False
         if self._enough() or self._drained():
             return False
+        self._tell_missing()
         self._wait()
         self.viewers.look()
         if time.monotonic() - self._told > TELL:
             self._told = time.monotonic()
             say_how_far(self.session.map)
         return True
+
+    def _tell_missing(self) -> None:
+        """Say once of each file that is not there that it is waited for."""
+        rows = self.session.rows
+        late = time.monotonic() - self._came > PATIENCE
+        if late and not self._table_told and not rows.path.exists():
+            self._table_told = True
+            _say_waiting(str(rows.path), "a row of it")
+        overdue = rows.overdue()
+        if overdue:
+            first = overdue[0].cells
+            more = f" and {len(overdue) - 1} more" if overdue[1:] else ""
+            _say_waiting(f"{first['file']} of pose {first['index']}{more}", "its pose")
 
     def _enough(self) -> bool:
         """Tell whether it was told to stop, or has all poses that were asked for."""
@@ -228,6 +251,16 @@ def _until_told() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _say_waiting(what: str, mapped: str) -> None:
+    """Print that something is not there yet, and for how long that may be."""
+    until = f"{mapped} is mapped when it comes, however late, until live is told to stop"
+    print(
+        f"live: waits for {what}, not there for {PATIENCE:g} s; {until}",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def say_how_far(live: LiveMap) -> None:
