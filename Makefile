@@ -23,7 +23,7 @@ LATER := sklearn,walls_*,*_ideal,*_cfar,*_invariant,ensemble,mapnet,posenet
 MAPPED := 8x6x5,13x11x5
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper map tiny measured point large walk readme studies bench architecture docs test test-release coverage lint clean
+.PHONY: help venv paper map tiny measured point large walk walk-bundle readme studies bench architecture docs test test-release coverage lint clean
 
 help: ## show this page
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -181,6 +181,12 @@ walk: $(READY) ## which walls a whole walk should believe: walks, judges, compar
 	$(RUN) train -m runs=$(WALK) $(WALKING) target=is_wall aim='precision 0.97' 'classifier=glob(walls_*)'
 	$(RUN) compare runs=$(WALK) name=walks 'walks=[$(subst $(empty) ,$(comma),$(strip $(WALK_CELLS)))]' readme=docs/walls.md
 	@echo "make walk: $$((($$(date +%s) - $$(cat $(WALK)/began)) / 60)) min for WALKS=$(WALKS) ROOMS=$(ROOMS) TESTED_WALKS=$(TESTED_WALKS)"
+
+walk-bundle: walk ## the bundle `walk` that comes along, made anew of what `make walk` has trained; docs/cards/walk.md
+	$(RUN) export runs=$(WALK) run=$$(ls -d $(WALK)/train/walls_trees-walks_hypotheses-s0-*) name=walk \
+	  card=docs/cards/walk.md 'evidence=[$(WALK)/compare/walks]'
+	rm -rf src/echolearn/bundles/walk && mkdir -p src/echolearn/bundles
+	cp -r $(WALK)/bundles/walk src/echolearn/bundles/walk
 
 readme: $(READY) ## run everything from nothing, in runs/fresh, and write the times and results into README.md
 	rm -rf runs/fresh

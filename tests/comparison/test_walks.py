@@ -20,10 +20,12 @@ from echolearn.dataset.labelled_set import Dataset
 from echolearn.dataset.walk_plan import WalkPlan
 from echolearn.dataset.walk_set import WalkSet
 from echolearn.evaluation import wall_scoring
+from echolearn.robot.scorer import load
 from echolearn.runtime.engines.serial import Serial
 from echolearn.simulation.noise.white import White
 from echolearn.simulation.rir.images import Images
 from echolearn.simulation.scene import Scene
+from echolearn.training.export import export
 from echolearn.training.split import LearningProblem
 from echolearn.training.train import train
 from refusals import refused
@@ -187,3 +189,21 @@ def test_without_the_control_there_is_no_comparison(world):
         compare_walks(cells, name="other", runs=runs, wanted=wanted)
     with refused("walks=[]: must name at least one"):
         compare_walks([], name="other", runs=runs)
+
+
+def test_a_run_becomes_a_bundle_that_says_what_it_judges(world, tmp_path):
+    runs, _ = world
+    [run] = (runs / "train").glob("walls_trees-*")
+    scene = TRAINING.scene
+    about = {"array": scene.array, "probe": scene.probe, "runs": runs, "best": None}
+    page = tmp_path / "card.md"
+    bundle = load(export(run=run, name="judge", card=page, resamples=50, **about)).bundle
+    assert bundle.hypotheses == 8 and bundle.inputs == ("evidence_2", "relative", "above_3")
+    assert bundle.localizer.window == TRAINING.window
+    assert bundle.about["label"]["true"] == "the line is a wall's, within 2 degrees and 5 cm"
+    said = page.read_text()
+    assert "6 walks of 22 poses" in said and bundle.about["threshold"]["chosen"] in said
+    # The control hears nothing, so it maps nothing.
+    [blind] = (runs / "train").glob("walls_geometry-*")
+    with refused(f"{runs}/bundles/blind/bundle.json columns=poses, distance_mean: must be some of"):
+        export(run=blind, name="blind", resamples=50, **about)

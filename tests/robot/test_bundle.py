@@ -52,9 +52,9 @@ UNIT = {"name": "toa", "unit": "s"}
         (
             "schema",
             1,
-            "=1: must be 2, 3 or 4; this echolearn reads schemas 2 to 4; update it or export",
+            "=1: must be 2, 3, 4 or 5; this echolearn reads schemas 2 to 5; update it or export",
         ),
-        ("schema", 5, "=5: must"),
+        ("schema", 6, "=6: must"),
         ("schema", "3", "=3: must"),
         ("schema", True, "=True: must"),
         ("kind", "set", "=set: must be bundle"),

@@ -55,23 +55,29 @@ def test_a_name_that_no_bundle_has_is_told_with_those_there_are(runs):
         find_bundle("x", runs)
 
 
-class TestPoint:
-    """The bundle that comes along."""
+@pytest.mark.parametrize(("name", "label"), [("point", "on_map"), ("walk", "is_wall")])
+class TestBoth:
+    """The bundles that come along."""
 
-    def test_is_small_and_needs_no_examination(self, capfd):
-        assert sum(path.stat().st_size for path in POINT.iterdir()) < 1 << 20
-        scorer = load(find_bundle("point", Path("runs")))
+    def test_is_small_and_needs_no_examination(self, name, label, capfd):
+        folder = find_bundle(name, Path("runs"))
+        assert sum(path.stat().st_size for path in folder.iterdir()) < 1 << 20
+        scorer = load(folder)
         assert capfd.readouterr().err == ""
         about = scorer.bundle.about
-        assert (about["name"], about["label"]["name"]) == ("point", "on_map")
+        assert (about["name"], about["label"]["name"]) == (name, label)
         # Of nobody's machine.
         assert "=/" not in about["command"]
 
-    def test_its_card_is_about_it(self):
-        about = json.loads((POINT / "bundle.json").read_text())
-        page = (ROOT / "docs" / "cards" / "point.md").read_text()
+    def test_its_card_is_about_it(self, name, label):
+        about = json.loads((shipped.FOLDER / name / "bundle.json").read_text())
+        page = (ROOT / "docs" / "cards" / f"{name}.md").read_text()
         told = about["data"]["digest"], about["files"]["model.onnx"]["sha256"]
         assert all(each in page for each in (*told, about["threshold"]["chosen"]))
+
+
+class TestPoint:
+    """The one that judges echoes."""
 
     def test_maps_a_walk_from_anywhere_and_is_what_map_takes(self, tmp_path, monkeypatch, capfd):
         monkeypatch.chdir(tmp_path)

@@ -37,6 +37,9 @@ def opened_bundle(
     for name in names:
         folder = find_bundle(name, runs, key="bundles")
         bundle = load(folder).bundle
+        hint = "that judges walls, as runs do that walks= compares"
+        single = bundle.hypotheses is None
+        check(single, "bundles", name, allowed="must judge echoes", hint=hint)
         run = Run(folder, metrics_of(bundle, finished))
         alone = all(run.model != other.model for other, _ in found)
         allowed = "must be bundles of different names"

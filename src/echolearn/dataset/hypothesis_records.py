@@ -29,10 +29,9 @@ from echolearn.checks import Range, check_fields
 from echolearn.dataset.walk_plan import WalkPlan
 from echolearn.dataset.walk_set import WalkSet
 from echolearn.evaluation.wall_matching import alignment, carried, match_walls, wall_lines
-from echolearn.localization.columns import STRIP_ENTRIES
 from echolearn.walls.hypotheses import hypotheses
 from echolearn.walls.nouns import GEOMETRY, SOUND, Hypotheses
-from echolearn.walls.strips import Strips, filled, geometry_columns, sound_columns, strips
+from echolearn.walls.strips import Strips, geometry_columns, sound_columns, strip_rows, strips
 from echolearn.walls.track import follow
 from echolearn.walls.walk import HeardWalk
 
@@ -44,9 +43,6 @@ KNOWN = ("snr_db", "t60", "odometry_error", "group")
 
 STRETCHES = 4
 """Most stretches of a wall that are kept, those that come first along it."""
-
-DIGITS = 2048
-"""Whole numbers below this are exact in float16."""
 
 
 @dataclass(frozen=True)
@@ -111,26 +107,6 @@ def _of_walk(plan: HypothesisPlan, walks: WalkSet, *, row: int) -> Array:
     table = np.empty(len(found), kinds)
     for name, column in columns.items():
         table[name] = column
-    return table
-
-
-def strip_rows(walk: HeardWalk, cut: Strips, *, number: int, rng: np.random.Generator) -> Array:
-    """Return strips as classifiers look at them, shape (K, P, `STRIP_ENTRIES`), float16.
-
-    Args:
-        walk: what was heard, and where.
-        cut: strips of its hypotheses.
-        number: of the walk, by which its hypotheses are known to belong together.
-        rng: draws the noise where nothing is known.
-    """
-    values = filled(walk, cut, rng=rng) * cut.seen[..., None, None]
-    count, poses = cut.seen.shape
-    table = np.zeros((count, poses, STRIP_ENTRIES), np.float16)
-    # So that a network need not look at what has nothing.
-    first = np.argsort(~cut.seen, axis=1, kind="stable")
-    ordered = np.take_along_axis(values.reshape(count, poses, -1), first[..., None], axis=1)
-    table[..., 1:] = ordered
-    table[:, :2, 0] = divmod(number, DIGITS)
     return table
 
 

@@ -114,7 +114,7 @@ class Dataset:
     @property
     def ratio_db(self) -> Array:
         """Received probe over all noises together at microphone 1, in dB, shape (B,)."""
-        if self.manifest["plan"]["sdnr_db"] is None:
+        if self.manifest["plan"].get("sdnr_db") is None:
             return self["snr_db"]
         return joint_db(self["snr_db"], self["sdnr_db"])
 

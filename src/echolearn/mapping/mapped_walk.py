@@ -26,13 +26,35 @@ LOWEST_SINE = 0.5
 """Sine of the elevation above which an echo counts as a wall's: 30 degrees off the array's axis."""
 
 
+@dataclass(frozen=True, eq=False)
+class JudgedWalls:
+    """Lines that all poses together speak for, which of them are walls, and who heard them.
+
+    Attributes:
+        index: number of the pose of each echo, from 0, shape (N,).
+        lines: the walls, one line for each stretch of one.
+        theta, rho: normals in rad and offsets in m of K lines, the most evidence first.
+        strength: evidence, in units of noise in the same walk, shape (K,).
+        confidence: belief in each, shape (K,).
+        believed: which are walls, shape (K,).
+    """
+
+    index: Array
+    lines: Sequence[Line]
+    theta: Array
+    rho: Array
+    strength: Array
+    confidence: Array
+    believed: Array
+
+
 @dataclass(frozen=True)
 class MappedWalk:
     """A walk, the echoes of its recordings, and the map that they leave.
 
     Attributes:
-        echoes: fields (P, R), robot frame.
-        map: their P * R points, pose by pose, room frame.
+        echoes: fields (P, R), robot frame; with `judged` (N,).
+        map: their P * R or N points, pose by pose, room frame.
         poses: P poses.
         numbers: names of the poses in tables, P whole numbers.
         outline: sides of the floor plan, shape (S, 2, 2), in m, or None where they are not known.
@@ -42,6 +64,7 @@ class MappedWalk:
         undecided: which points are believed, though not on which side of the array they lie, shape
             (P * R,), bool; echoes are then in pairs, each followed by its mirror image
             (`mirrors`). None where the array sees no mirror images.
+        judged: walls that were found over all poses; None: those that the points suggest.
     """
 
     echoes: Echoes
@@ -53,6 +76,7 @@ class MappedWalk:
     accuracy: Accuracy = field(default_factory=Accuracy)
     placed: bool = True
     undecided: Array | None = None
+    judged: JudgedWalls | None = None
 
     @cached_property
     def path(self) -> Array:
@@ -61,7 +85,9 @@ class MappedWalk:
 
     @property
     def index(self) -> Array:
-        """Number of the pose of each point, from 0, shape (P * R,)."""
+        """Number of the pose of each point, from 0, shape (P * R,) or (N,)."""
+        if self.judged is not None:
+            return self.judged.index
         return np.repeat(np.arange(len(self.poses)), self.echoes.toa.shape[1])
 
     @property
@@ -81,7 +107,9 @@ class MappedWalk:
 
     @cached_property
     def lines(self) -> list[Line]:
-        """Walls that the shown points suggest."""
+        """Walls that the shown points suggest, unless they are known otherwise."""
+        if self.judged is not None:
+            return [*self.judged.lines]
         poses = [self.poses[index] for index in self.index[self.shown].tolist()]
         seen = Sightings(
             points=self.map.points[self.shown],

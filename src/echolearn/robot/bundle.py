@@ -30,17 +30,16 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Array, MicArray, Probe
 from echolearn.checks import BadValue, check, suggest
 from echolearn.localization import methods
-from echolearn.localization.columns import EVERY_COLUMN, SEVERAL, TENSOR_VIEWS, UNITS, tensor_shape
+from echolearn.localization.columns import SEVERAL
 from echolearn.localization.localizer import Localizer
 from echolearn.robot import untrusted_files, untrusted_models
+from echolearn.robot.bundle_inputs import NEWER, echo_inputs, wall_inputs
 from echolearn.robot.reference import Reference, read_reference
-from echolearn.robot.schema import GOLDEN, REFERENCE, limits_of, upgraded
+from echolearn.robot.schema import GOLDEN, OF_WALLS, REFERENCE, limits_of, upgraded
 from echolearn.storage import manifests
 from echolearn.storage.files import MEND, json_bytes, one_line
 from echolearn.storage.kinds import check_kind
 from echolearn.survey.audio import burst_of, wav_samples
-
-NEWER = "was it made by a newer echolearn?"
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,7 @@ class Bundle:
         model: the ONNX file.
         golden: inputs (32, *shape), float32, and their confidences (32,).
         reference: what it was trained on looks like; None: the bundle does not tell.
+        hypotheses: most lines of a walk among which it finds walls; None: it judges echoes.
     """
 
     about: Mapping[str, Any]
@@ -70,6 +70,7 @@ class Bundle:
     model: bytes
     golden: tuple[Array, Array]
     reference: Reference | None = None
+    hypotheses: int | None = None
 
     @property
     def is_tensor(self) -> bool:
@@ -142,7 +143,8 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
     # From here on every key has the type and range that `schema.TABLE` says; what is left is
     # whether they agree with each other and with the files.
     array = MicArray(np.array(about["array"], dtype=float))
-    inputs, shape = _inputs(about, len(array))
+    judging = about["schema"] == OF_WALLS
+    inputs, shape = wall_inputs(about) if judging else echo_inputs(about, len(array))
 
     rate = float(about["sample_rate"])
     length = about["probe"]["length"]
@@ -178,35 +180,8 @@ def _assembled(about: Mapping[str, Any], data: Mapping[str, bytes], *, folder: P
         model=data["model.onnx"],
         golden=(golden["x"], golden["confidence"]),
         reference=reference,
+        hypotheses=about["hypotheses"]["count"] if judging else None,
     )
-
-
-def _inputs(about: Mapping[str, Any], microphones: int) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Return the names of what the model looks at, and the shape of one input."""
-    view = about["view"]
-    tensor = view != "features"
-    known = [name for name, kind in TENSOR_VIEWS.items() if kind == view]
-    known = known if tensor else [*EVERY_COLUMN, *SEVERAL]
-    names = [column["name"] for column in about["columns"]]
-    wrong = [name for name in names if name not in known]
-    check(not wrong, "columns", wrong, allowed=f"must be some of {', '.join(known)}", hint=NEWER)
-    once = 0 < len(names) == len(set(names)) and not (tensor and len(names) > 1)
-    check(
-        once,
-        "columns",
-        names,
-        allowed="must be one tensor, or columns that are there once",
-    )
-
-    # The same number in ms would be taken for one in s without a word.
-    units = [column["unit"] for column in about["columns"]]
-    meant = [UNITS.get(name, "1") for name in names]
-    check(units == meant, "columns", units, allowed=f"must be the units {meant}")
-
-    shape = [*tensor_shape(names[0], microphones)] if tensor else [len(names)]
-    given = about["input_shape"]
-    check(given == shape, "input_shape", given, allowed=f"must be {shape}")
-    return tuple(names), tuple(shape)
 
 
 def localizer_names() -> list[str]:

@@ -31,8 +31,8 @@ KEPT = ("precision", "true_retention", "spurious_removal")
 ECHO_SHOWN = (*KEPT, *(f"time_{name}" for name in KEPT))
 """Metrics of echoes that are printed where their truth is known."""
 
-DRAWN = ("walls.csv", "map.ply", "map.pgm", "map.yaml", "map.svg")
-"""Files of a map besides its table, which times and directions alone do not have."""
+DRAWN = ("walls.csv", "hypotheses.csv", "map.ply", "map.pgm", "map.yaml", "map.svg")
+"""Files of a map besides its table, which not every one has."""
 
 
 def finished_map(folder: Path, inputs: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -118,8 +118,13 @@ def describe_map(mapped: MappedWalk, causes: Sequence[str]) -> dict[str, Any]:
         )
         scores = {key: finite(value) for key, value in values.items()}
     unsure = {} if mapped.undecided is None else {"undecided": int(mapped.undecided.sum()) // 2}
+    judged = mapped.judged
+    walls = {} if judged is None else {"walls": int(judged.believed.sum())}
+    if judged is not None:
+        walls["hypotheses"] = len(judged.believed)
     return unsure | {
         "kind": "map",
+        **walls,
         "scores": scores,
         "lines": len(mapped.lines),
         "poses": len(mapped.poses),
@@ -133,7 +138,8 @@ def describe_map(mapped: MappedWalk, causes: Sequence[str]) -> dict[str, Any]:
 def judged(mapped: MappedWalk, walk: Survey) -> dict[str, Any]:
     """Return what the manifest of a map says of its echoes by their truth, if that is known."""
     about: dict[str, Any] = {} if mapped.placed else {"placed": False}
-    if walk.truth is None:
+    # Walls are judged over all poses: no echo of theirs stands for a pose.
+    if walk.truth is None or mapped.judged is not None:
         return about
     rate = walk.emitted.sample_rate
     # An echo and its mirror image are one to the truth, which knows no map.
@@ -160,7 +166,12 @@ def report(about: Mapping[str, Any]) -> None:
         for line in lines:
             print(f"{kind}: {line}")
     counted = f"{about['poses']} poses, {about['kept']} echoes kept: "
-    if about.get("placed", True):
+    if "walls" in about:
+        print(
+            f"{counted}{about['walls']} walls in {about['lines']} stretches, of "
+            f"{about['hypotheses']} lines that all poses together speak for"
+        )
+    elif about.get("placed", True):
         print(
             f"{counted}{about['points']} points in the map, {about['floor_or_ceiling']} from "
             f"floor or ceiling; {about['lines']} walls fitted{unsure_of(about)}"

@@ -1,9 +1,10 @@
 """What `bundle.json` holds: a table of its keys, each with what may stand there.
 
-Bundles on robots outlive versions of echolearn. This reads schema 3, and 4, which is 3 with a
-reference (`reference`); `upgraded` turns 2 into 3, in which a localizer was named by module and
-class, `gated.Gated` instead of `gated`. In the first, `parity` was a number. Texts are printable,
-so that none plays tricks with a terminal.
+Bundles on robots outlive versions of echolearn. This reads schema 3; 4, which is 3 with a reference
+(`reference`); and 5, which is 3 of a classifier of walls, who judges the lines that a whole walk
+speaks for (`walls.verdicts`). `upgraded` turns 2 into 3, in which a localizer was named by module
+and class, `gated.Gated` instead of `gated`. In the first, `parity` was a number. Texts are
+printable, so that none plays tricks with a terminal.
 """
 
 from collections.abc import Mapping
@@ -18,7 +19,7 @@ from echolearn.checks import (
     check_text,
     check_whole,
 )
-from echolearn.localization.columns import COVARIANCE_BANDS, TENSOR_VIEWS
+from echolearn.localization.columns import COVARIANCE_BANDS, STRIPS, TENSOR_VIEWS
 from echolearn.storage.advice import is_command
 from echolearn.storage.tables import check_plain, nullable
 
@@ -27,6 +28,9 @@ SCHEMA = 3
 
 WITH_REFERENCE = 4
 """That of bundles with one."""
+
+OF_WALLS = 5
+"""That of bundles of classifiers of walls."""
 
 GOLDEN = 32
 """Inputs whose confidences travel with the model."""
@@ -44,7 +48,10 @@ LABELS = {
     "on_map": "the map point lies within 0.10 m of a wall",
     "time_and_direction": "within 10 samples and 10 degrees of a true echo",
 }
-"""What a confidence of 1 says."""
+"""What a confidence of 1 says of an echo."""
+
+WALL_LABELS = {"is_wall": "the line is a wall's, within 2 degrees and 5 cm"}
+"""What it says of a line."""
 
 
 def check_argument(name: str, value: Any) -> None:
@@ -137,6 +144,17 @@ REFERRING: dict[str, Any] = TABLE | {
 }
 """Keys of that of a bundle with a reference."""
 
+JUDGING: dict[str, Any] = TABLE | {
+    "schema": OF_WALLS,
+    "view": ("features", STRIPS),
+    "label": tuple({"name": name, "true": meaning} for name, meaning in WALL_LABELS.items()),
+    "hypotheses": {"count": partial(check_whole, low=1, high=1000)},
+}
+"""Keys of that of a bundle of a classifier of walls; `localizer` is that of single poses."""
+
+TABLES = {SCHEMA: TABLE, WITH_REFERENCE: REFERRING, OF_WALLS: JUDGING}
+"""Keys by schema."""
+
 
 def limits_of(about: Mapping[str, Any]) -> dict[str, int]:
     """Return the files of a bundle besides `bundle.json`, each with the bytes it may have."""
@@ -151,13 +169,13 @@ def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
         BadValue: another schema, or a key that is missing, unknown or not as `TABLE` says.
     """
     schema = content.get("schema")
-    known = type(schema) is int and schema in (2, SCHEMA, WITH_REFERENCE)
-    hint = f"this echolearn reads schemas 2 to {WITH_REFERENCE}; update it or export again"
-    check(known, "schema", schema, allowed=f"must be 2, {SCHEMA} or {WITH_REFERENCE}", hint=hint)
+    known = type(schema) is int and schema in (2, *TABLES)
+    hint = f"this echolearn reads schemas 2 to {OF_WALLS}; update it or export again"
+    allowed = f"must be 2, {', '.join(map(str, [*TABLES][:-1]))} or {OF_WALLS}"
+    check(known, "schema", schema, allowed=allowed, hint=hint)
     about = {"command": None, **content, "schema": max(int(schema or 0), SCHEMA)}
-    table = REFERRING if schema == WITH_REFERENCE else TABLE
     adapted = {"adapted_from": ADAPTED} if "adapted_from" in about else {}
-    check_plain("", about, table=table | adapted)
+    check_plain("", about, table=TABLES[about["schema"]] | adapted)
     # It is the one thing that has changed since then.
     if schema == 2:
         about["localizer"] = about["localizer"] | {"name": _short(about["localizer"]["name"])}

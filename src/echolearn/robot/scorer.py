@@ -113,7 +113,11 @@ class Scorer:
             BadValue: another array, sample rate or probe than the bundle's, or a recording that
                 cannot be analysed.
         """
-        mount = self._check(observation)
+        allowed = "must judge single echoes"
+        hint = "it judges walls of whole walks, which echolearn map does"
+        name = self.bundle.about["name"]
+        check(self.bundle.hypotheses is None, "bundle", name, allowed=allowed, hint=hint)
+        mount = self.mount(observation)
         bundle = self.bundle
         names = bundle.inputs
         # The classifier was trained in the bundle's frame, in which this array is not turned.
@@ -149,8 +153,12 @@ class Scorer:
         new = np.asarray(found.kept)
         return EchoMap(found.points[new], found.confidence[new], new[new], found.poses[new])
 
-    def _check(self, observation: Observation) -> float:
-        """Return the angle of the array on this robot, and refuse what cannot be scored."""
+    def mount(self, observation: Observation) -> float:
+        """Return the angle of the array on this robot, in rad.
+
+        Raises:
+            BadValue: another robot, or a recording that is silent.
+        """
         mount = mount_angle(self.bundle, array=observation.array, probe=observation.probe)
         silent = np.flatnonzero(~observation.samples.any(axis=(-2, -1))).tolist()
         shown = f"silence in {silent[:3]}"

@@ -11,18 +11,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar
-from warnings import catch_warnings, simplefilter
-
-import numpy as np
+from typing import Any
 
 from echolearn.acoustics.arrays import mirror_azimuth
 from echolearn.checks import BadValue, check, check_name, check_number
-from echolearn.localization.silence import SilentMicrophone
 from echolearn.mapping.files import grid, ply, svg, table
 from echolearn.mapping.mapped_walk import MappedWalk
 from echolearn.mapping.mirrors import with_mirror_images
 from echolearn.robot.advice import causes
+from echolearn.robot.by_block import block_by_block, concatenated
 from echolearn.robot.choices import OF_THE_SURVEY, open_survey, with_gains
 from echolearn.robot.domain import domain_line
 from echolearn.robot.map_folder import (
@@ -34,9 +31,9 @@ from echolearn.robot.map_folder import (
     write_map,
 )
 from echolearn.robot.reference import UNCHECKED
-from echolearn.robot.scorer import Scorer, load
+from echolearn.robot.scorer import ScoredEchoes, Scorer, load
 from echolearn.robot.walk_map import mapped_walk
-from echolearn.runtime.progress import track
+from echolearn.robot.wall_map import check_together, score_walls
 from echolearn.storage import manifests
 from echolearn.storage.files import sha256
 from echolearn.storage.once import once
@@ -44,9 +41,7 @@ from echolearn.survey.audio import LARGEST, check_size
 from echolearn.survey.examining import examine
 from echolearn.survey.health import Health, mended
 from echolearn.survey.proof import used
-from echolearn.survey.survey import Survey, blocks
-
-Fields = TypeVar("Fields")
+from echolearn.survey.survey import Survey
 
 
 def map_survey(
@@ -93,6 +88,8 @@ def map_survey(
     scorer = seeking(load(bundle), sign)
     walk = open_survey(Path(survey), scorer.bundle, resample=resample, direct=direct, played=played)
     walk = with_gains(walk, scorer.bundle, without=without, gains=gains)
+    if scorer.bundle.hypotheses is not None:
+        check_together(walk)
     asked = {"direct": direct, "ros": ros or None, "resolution": float(resolution), "sign": sign}
     order = _Order(scorer, walk, asked=asked | {"played": played}, writers=writers)
     order.run(folder, command)
@@ -111,6 +108,9 @@ def seeking(scorer: Scorer, sign: str | None) -> Scorer:
     """Return a scorer whose localizer seeks echoes of this sign; None leaves it."""
     if sign is None:
         return scorer
+    allowed = "must be null"
+    hint = f"{scorer.bundle.about['name']} judges walls, of whose echoes it sums positive ones"
+    check(scorer.bundle.hypotheses is None, "localizer.sign", sign, allowed=allowed, hint=hint)
     other: Any = replace(scorer.bundle.localizer, sign=sign)  # type: ignore[type-var]
     return replace(scorer, bundle=replace(scorer.bundle, localizer=other))
 
@@ -194,7 +194,8 @@ class _Order:
     def make(self, folder: Path, *, command: str | None) -> dict[str, Any]:
         """Write the map, and return its manifest."""
         health, walk = self.sound
-        mapped = score_survey(self.scorer, walk, resolution=self.asked["resolution"])
+        map_by = score_survey if self.scorer.bundle.hypotheses is None else score_walls
+        mapped = map_by(self.scorer, walk, resolution=self.asked["resolution"])
         # Times and directions alone are a table.
         writers = self.writers if walk.mapped else [table]
         files = {key: value for each in writers for key, value in each.write(mapped).items()}
@@ -222,42 +223,17 @@ def score_survey(scorer: Scorer, walk: Survey, *, resolution: float = 0.05) -> M
     Raises:
         BadValue: a recording that cannot be analysed; names its file.
     """
-    scored = []
-    for block in track(blocks(walk), f"map {walk.folder.name}", unit="blocks"):
-        try:
-            poses = [walk.poses[pose] for pose in block]
-            # A microphone that is silent has been refused, or left out by whoever maps.
-            with catch_warnings():
-                simplefilter("ignore", SilentMicrophone)
-                scored.append(scorer.score(walk.observe(block), poses))
-        except BadValue as error:
-            raise _blame(error, scorer, walk=walk, block=block) from None
+
+    def score(block: Sequence[int]) -> ScoredEchoes:
+        """Score the recordings of some poses."""
+        return scorer.score(walk.observe(block), [walk.poses[pose] for pose in block])
+
+    scored = block_by_block(walk, score)
     mapped = mapped_walk(
         walk,
-        _joined([each.echoes for each in scored]),
-        found=_joined([each.map for each in scored]),
+        concatenated([each.echoes for each in scored]),
+        found=concatenated([each.map for each in scored]),
         azimuths=scorer.bundle.localizer.azimuths,
         resolution=resolution,
     )
     return with_mirror_images(mapped, walk.array, speed_of_sound=walk.speed_of_sound)
-
-
-def _joined(parts: Sequence[Fields]) -> Fields:
-    """Return values of one class, whose fields are arrays, as one of them all."""
-    columns = zip(*(vars(part).values() for part in parts), strict=True)
-    return type(parts[0])(*map(np.concatenate, columns))
-
-
-def _blame(error: BadValue, scorer: Scorer, *, walk: Survey, block: Sequence[int]) -> BadValue:
-    """Return the complaint about a block, said of the file of the recording that is to blame."""
-    if not str(error).startswith("observation.samples="):
-        return error
-    # Alone, a recording is number 0 of its block, which tells a reader nothing.
-    for pose in block:
-        try:
-            scorer.score(walk.observe([pose]), [walk.poses[pose]])
-        except BadValue as alone:
-            reason = str(alone).removeprefix("observation.samples=")
-            reason = reason.replace(" of observation 0", "")
-            return BadValue(f"{walk.folder / walk.files[pose]}: {reason}")
-    return error

@@ -26,7 +26,7 @@ from echolearn.classifiers.operating_point import BALANCED
 from echolearn.dataset.labelled_set import RECORDED, Dataset
 from echolearn.evaluation import metrics, scoring
 from echolearn.evaluation.calibration_rows import score_calibration
-from echolearn.localization.columns import COVARIANCE_BANDS, UNITS, tensor_shape
+from echolearn.localization.columns import COVARIANCE_BANDS, STRIPS, UNITS, tensor_shape
 from echolearn.robot import bundle, schema
 from echolearn.storage.identity import KIND, plain
 from echolearn.survey import audio
@@ -35,6 +35,9 @@ from echolearn.training.runs import Run
 
 LIBRARIES = ("numpy", "scipy", "onnxruntime", "torch", "scikit-learn")
 """Libraries whose versions a bundle tells."""
+
+OF_WALKS = {KIND: "joint"}
+"""Localizer of single poses whose responses a walk sums (`walls.walk`)."""
 
 MAPS = ("precision", "true_retention", "spurious_removal")
 """Metrics of maps that a bundle tells."""
@@ -52,14 +55,11 @@ def bundle_description(
         probe: burst that the set was made with.
         resamples: bootstrap draws behind intervals.
     """
-    shape = [len(run.inputs)]
-    if is_tensor(run.inputs):
-        shape = [*tensor_shape(run.inputs[0], len(array))]
     model = run.metrics["model"]
     target = run.model.target
     versions = {"echolearn": echolearn.__version__, "python": platform.python_version()}
     versions |= {library: version(library) for library in LIBRARIES}
-    return {
+    about = {
         "kind": "bundle",
         "schema": schema.SCHEMA,
         "classifier": run.model.classifier,
@@ -70,16 +70,35 @@ def bundle_description(
         "view": view_of(run.inputs),
         "columns": [{"name": name, "unit": UNITS.get(name, "1")} for name in run.inputs],
         "bands": COVARIANCE_BANDS,
-        "input_shape": shape,
-        "label": {"name": target, "true": schema.LABELS[target]},
+        "input_shape": _input_shape(run, dataset, microphones=len(array)),
+        "label": {"name": target, "true": (schema.LABELS | schema.WALL_LABELS)[target]},
         "threshold": {"value": run.threshold, "chosen": rule_of(run)},
         "calibration": run.metrics["calibration"],
         "parity": {"difference": model["parity"], "trials": model["trials"]},
-        **recording_description(dataset.manifest["plan"], array=array, probe=probe),
         "golden": schema.GOLDEN,
         "metrics": {"held_out": held_out_figures(run, dataset, resamples=resamples)},
         "versions": versions,
     } | {key: run.metrics[key] for key in ("adapted_from",) if key in run.metrics}
+    plan = dataset.manifest["plan"]
+    if target in schema.WALL_LABELS:
+        about |= {"schema": schema.OF_WALLS, "hypotheses": {"count": plan["count"]}}
+        plan = plan["walks"] | {"localizer": OF_WALKS | {"window": plan["walks"]["window"]}}
+    return about | recording_description(plan, array=array, probe=probe)
+
+
+def _input_shape(run: Run, dataset: Dataset, *, microphones: int) -> list[int]:
+    """Return the shape of one input of a run's model.
+
+    Args:
+        run: finished run.
+        dataset: set that it was trained on.
+        microphones: their number.
+    """
+    if not is_tensor(run.inputs):
+        return [len(run.inputs)]
+    if view_of(run.inputs) == STRIPS:
+        return list(dataset.gather(STRIPS, np.arange(1)).shape[1:])
+    return [*tensor_shape(run.inputs[0], microphones)]
 
 
 def rule_of(run: Run) -> str:

@@ -118,7 +118,7 @@ def card(about: Mapping[str, Any], *, plan: Mapping[str, Any], evidence: Sequenc
         learned=RECORDED if plan.get("kind") == RECORDED_SET else SIMULATED,
         sha256=about["files"]["model.onnx"]["sha256"],
         held_out=held_out["rows"],
-        figures="\n".join(f"| {_words(name)} | {_shown(each)} |" for name, each in figures),
+        figures="\n".join(f"| {words(name)} | {figure_text(each)} |" for name, each in figures),
         evidence="\n".join(line for folder in evidence for line in _evidence(about, folder)),
     )
 
@@ -161,7 +161,7 @@ def _evidence(about: Mapping[str, Any], folder: Path) -> Iterator[str]:
 
 def _table(rows: Sequence[Row], metrics: Sequence[str]) -> Iterator[str]:
     """Yield a table of rows: a line for each place and level, a column for each metric."""
-    yield f"| trained on | tested on | SNR | {' | '.join(map(_words, metrics))} |"
+    yield f"| trained on | tested on | SNR | {' | '.join(map(words, metrics))} |"
     yield "|---|---|---|" + "---|" * len(metrics)
     lines: dict[tuple[str, ...], dict[str, Row]] = {}
     for row in rows:
@@ -169,16 +169,16 @@ def _table(rows: Sequence[Row], metrics: Sequence[str]) -> Iterator[str]:
         lines.setdefault(key, {})[row["metric"]] = row
     for (trained, tested, localizer, level), cells in lines.items():
         by = f", `{localizer}`" if localizer else ""
-        shown = " | ".join(_shown(cells.get(name, {})) for name in metrics)
-        yield f"| {trained} | {tested}{by} | {level + ' dB' if level else 'all'} | {shown} |"
+        told = " | ".join(figure_text(cells.get(name, {})) for name in metrics)
+        yield f"| {trained} | {tested}{by} | {level + ' dB' if level else 'all'} | {told} |"
 
 
-def _words(metric: str) -> str:
+def words(metric: str) -> str:
     """Return a metric's name as words."""
     return metric.removeprefix("own_").replace("_", " ")
 
 
-def _shown(figure: Mapping[str, Any]) -> str:
+def figure_text(figure: Mapping[str, Any]) -> str:
     """Return `value [low, high]`, nothing where there is none."""
     told = [figure.get(key) for key in ("value", "ci_low", "ci_high")]
     value, low, high = ("" if each in (None, "") else f"{float(each):.3f}" for each in told)

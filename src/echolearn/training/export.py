@@ -28,6 +28,7 @@ from echolearn.training.card import card as card_of
 from echolearn.training.predictions import validation_rows
 from echolearn.training.runs import Run, read_run
 from echolearn.training.walks import reference_of
+from echolearn.training.wall_card import wall_card
 
 RUN = "must be a folder that echolearn train wrote"
 COMPARISON = "must be a folder that echolearn compare wrote"
@@ -131,7 +132,9 @@ def _write_card(
         evidence: folders of comparisons whose figures it shows.
     """
     told = [Path(name) for name in evidence]
-    page = card_of(load_json(folder / manifests.BUNDLE), plan=plan, evidence=told)
+    about = load_json(folder / manifests.BUNDLE)
+    write = wall_card if about["schema"] == schema.OF_WALLS else card_of
+    page = write(about, plan=plan, evidence=told)
     write_atomic(Path(card), page.encode())
 
 

@@ -200,7 +200,8 @@ def label_rows(dataset: Dataset, *, resamples: int, target: str = "reflector") -
     """
     plan = dataset.manifest["plan"]
     sensor = bool(np.isfinite(dataset["snr_db"]).any())
-    noise = noise_kind(plan["scene"], sensor=sensor)
+    # Hypotheses were heard as the walks were that they are of.
+    noise = noise_kind(plan.get("walks", plan)["scene"], sensor=sensor)
     return LabelledRows(
         Recordings(dataset.name, kind="set", noise=noise, set_role=plan["role"]),
         reference=dataset[target].astype(bool),

@@ -56,7 +56,10 @@ def reference_of(inputs: Sequence[str], dataset: Dataset, *, walks: Dataset) -> 
     Raises:
         BadValue: a set of another plan, without walks, or with too few to tell anything.
     """
-    _check_alike(dataset.manifest["plan"], walks.manifest["plan"])
+    plan = dataset.manifest["plan"]
+    allowed = "must be null for a classifier of walls, which knows no single echoes"
+    check("walks" not in plan, "reference", walks.name, allowed=allowed)
+    _check_alike(plan, walks.manifest["plan"])
     names = tuple(inputs)
     if is_tensor(inputs):
         names = tuple(name for name in COLUMNS if name not in OF_THE_PLACE)

@@ -38,6 +38,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.checks import check_number, check_whole
+from echolearn.walls.neighbourhood import largest_near
 from echolearn.walls.walk import FINER, HeardWalk
 
 SHARE = 0.9
@@ -164,21 +165,28 @@ def soft_evidence(walk: HeardWalk, grid: Grid, *, blur: float, compiled: bool = 
 def forgiving(responses: Array, *, width: int) -> Array:
     """Return z_p,w of responses (P, A, D): the largest near each, standardised, float32."""
     check_whole("evidence.width", width, low=0, high=100, unit="lags")
-    from scipy.ndimage import maximum_filter1d
-
     # First along the distances, then across the circle of directions.
-    near = maximum_filter1d(responses, 2 * width + 1, axis=2, mode="nearest")
-    return _standardised(maximum_filter1d(near, 3, axis=1, mode="wrap"))
+    near = largest_near(responses, width, axis=2)
+    return _standardised(largest_near(near, 1, axis=1, circular=True))
 
 
 def soft(responses: Array, *, blur: float) -> Array:
     """Return soft z_p of responses (P, A, D), `blur` in lags, standardised, float32."""
+    return blurred(likelihood(responses), blur=blur)
+
+
+def likelihood(responses: Array) -> Array:
+    """Return the likelihood ratio of an echo against noise alone of J, any shape."""
+    # Beyond six standard deviations all are echoes, and larger ones would outshout everything.
+    return np.exp(AMPLITUDE * np.clip(responses, -6.0, 6.0) - AMPLITUDE**2 / 2.0)
+
+
+def blurred(likelihoods: Array, *, blur: float) -> Array:
+    """Return soft z_p of likelihoods (P, A, D), `blur` in lags, standardised, float32."""
     check_number("evidence.blur", blur, low=0.1, high=100.0, unit="lags")
     from scipy.ndimage import gaussian_filter1d
 
-    # Beyond six standard deviations all are echoes, and larger ones would outshout everything.
-    likelihood = np.exp(AMPLITUDE * np.clip(responses, -6.0, 6.0) - AMPLITUDE**2 / 2.0)
-    likely = gaussian_filter1d(likelihood, blur, axis=2, mode="nearest")
+    likely = gaussian_filter1d(likelihoods, blur, axis=2, mode="nearest")
     return _standardised(np.log(1.0 - SHARE + SHARE * likely))
 
 

@@ -95,6 +95,7 @@ def _sum_exact(filters: Any, lines: Any) -> Any:
     start = np.float32(filters.start)
     step = np.float32(lines.step)
     four = np.float32(4.0)
+    places = np.empty(lines.total, np.float32)
     for t in range(lines.offsets.shape[0]):
         for p in range(lines.offsets.shape[1]):
             along = lines.offsets[t, p]
@@ -110,12 +111,14 @@ def _sum_exact(filters: Any, lines: Any) -> Any:
                 toward = np.float32(x * cos + y * sin)
                 square = np.float32(x * x + y * y + z * z)
                 row = filters.fine[p, m]
+                # Places by themselves, which are computed several at a time.
                 for j in range(len(cells)):
                     distance = nearest + np.float32(j) * step
                     way = np.sqrt(four * distance * (distance - toward) + square)
-                    place = way * scale - start
-                    here = int(place)
-                    part = place - np.float32(here)
+                    places[j] = way * scale - start
+                for j in range(len(cells)):
+                    here = np.uint32(np.int32(places[j]))
+                    part = places[j] - np.float32(here)
                     cells[j] += row[here] + part * (row[here + 1] - row[here])
     return sums, counts
 

@@ -20,13 +20,15 @@ from echolearn.checks import check_whole
 from echolearn.walls.evidence import (
     Evidence,
     Grid,
+    blurred,
     exact_evidence,
     forgiving,
     grid_of,
+    likelihood,
     read_table,
-    soft,
     summed,
 )
+from echolearn.walls.neighbourhood import largest_near
 from echolearn.walls.nouns import Hypotheses
 from echolearn.walls.walk import HeardWalk
 
@@ -66,7 +68,8 @@ def hypotheses(walk: HeardWalk, *, count: int = 20, grid: Grid | None = None) ->
     check_whole("hypotheses.count", count, low=1, high=1000)
     grid = grid or grid_of(walk)
     maps = [exact_evidence(walk, grid)]
-    maps += [summed(walk, grid, z=soft(walk.responses, blur=blur)) for blur in BLURS]
+    likely = likelihood(walk.responses)
+    maps += [summed(walk, grid, z=blurred(likely, blur=blur)) for blur in BLURS]
     return uncrossed(walk, highest_peaks(maps, count=count))
 
 
@@ -123,10 +126,7 @@ def _peaks(values: Array, grid: Grid) -> tuple[Array, Array]:
     """Return rows and columns of the cells that no cell nearby exceeds, highest first."""
     turn = round(TURN * grid.normals / (2.0 * np.pi))
     apart = round(APART / grid.step)
-    size = (2 * turn + 1, 2 * apart + 1)
-    from scipy.ndimage import maximum_filter
-
-    around = maximum_filter(values, size, mode=("wrap", "constant"), cval=0.0)
+    around = largest_near(largest_near(values, turn, axis=0, circular=True), apart, axis=1)
     row, column = np.nonzero((values == around) & (values > 0))
     order = np.argsort(-values[row, column], kind="stable")
     return row[order], column[order]

@@ -16,6 +16,7 @@ values drawn from the same pose. Columns of `nouns.SOUND` are of sound alone, th
 `nouns.GEOMETRY` are all the rest, for a control that should know nothing.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,9 @@ from echolearn.walls.walk import HeardWalk
 
 REACH = 24
 """Lags on either side of a hypothesis: 19 cm."""
+
+DIGITS = 2048
+"""Whole numbers below this are exact in float16."""
 
 BESIDE = np.deg2rad([-9.0, -6.0, -3.0, 0.0, 3.0, 6.0, 9.0])
 """Directions of a strip, from that of the normal, in rad."""
@@ -90,6 +94,27 @@ def filled(walk: HeardWalk, cut: Strips, *, rng: np.random.Generator) -> Array:
     whole = cut.values.copy()
     whole[hypothesis, pose, lag] = table[pose[:, None], drawn]
     return whole
+
+
+def strip_rows(walk: HeardWalk, cut: Strips, *, number: int, rng: np.random.Generator) -> Array:
+    """Return strips as classifiers look at them, shape (K, P, 1 + lags directions), float16.
+
+    Args:
+        walk: what was heard, and where.
+        cut: strips of its hypotheses.
+        number: of the walk, by which its hypotheses are known to belong together.
+        rng: draws the noise where nothing is known.
+    """
+    values = filled(walk, cut, rng=rng) * cut.seen[..., None, None]
+    count, poses = cut.seen.shape
+    entries = math.prod(values.shape[2:])
+    table = np.zeros((count, poses, 1 + entries), np.float16)
+    # So that a network need not look at what has nothing.
+    first = np.argsort(~cut.seen, axis=1, kind="stable")
+    ordered = np.take_along_axis(values.reshape(count, poses, entries), first[..., None], axis=1)
+    table[..., 1:] = ordered
+    table[:, :2, 0] = divmod(number, DIGITS)
+    return table
 
 
 def sound_columns(walk: HeardWalk, found: Hypotheses, *, cut: Strips) -> Array:

@@ -23,6 +23,7 @@ import numpy as np
 
 from echolearn.acoustics.types import Array
 from echolearn.mapping.walls import GAP, Line, fit
+from echolearn.walls.evidence import SHARE, likelihood
 from echolearn.walls.nouns import Hypotheses
 from echolearn.walls.strips import Strips
 from echolearn.walls.walk import HeardWalk
@@ -64,6 +65,18 @@ class Track:
     points: Array
     line: Line
     stretches: Array
+
+    @property
+    def told(self) -> Array:
+        """Which poses tell of the wall: those that heard it, or all if too few did, (N,)."""
+        return self.heard if self.heard.sum() >= FEWEST else np.ones(len(self.poses), dtype=bool)
+
+    @property
+    def places(self) -> Array:
+        """Points (N, 2) in m, on the line where the pose heard nothing by itself."""
+        normal = np.array([np.cos(self.line.normal), np.sin(self.line.normal)])
+        feet = self.points + (self.line.offset - self.points @ normal)[:, None] * normal
+        return np.where(self.heard[:, None], self.points, feet)
 
 
 def follow(walk: HeardWalk, found: Hypotheses, *, cut: Strips, number: int) -> Track:
@@ -108,6 +121,15 @@ def _heard(response: Array, lags: Array, *, possible: Array) -> Array:
     loud = response > FAINT * np.median(response[heard])
     near = np.abs(lags - np.median(lags[heard])) <= DEVIATION
     return heard & loud & near
+
+
+def hearing(response: Array) -> Array:
+    """Return the probability that poses with these J (N,) heard a wall that is there.
+
+    By the model of soft evidence (`evidence`): noise, or an echo of amplitude a with probability s.
+    """
+    odds = SHARE * likelihood(response)
+    return np.asarray(odds / (1.0 - SHARE + odds))
 
 
 def lag_track(strip: Array, steps: Array) -> Array:

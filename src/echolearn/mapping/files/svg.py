@@ -50,6 +50,9 @@ def write(walk: MappedWalk) -> Files:
     shapes += _dots(points[walk.upright], kind="upright", radii=sizes[walk.upright])
     shapes += _dots(points[walk.shown], kind="kept", radii=sizes[walk.shown])
     shapes += [_wall(placed(np.stack([line.start, line.end]))) for line in walk.lines]
+    walls = f"{len(walk.lines)} walls fitted"
+    if walk.judged is not None:
+        walls = f"{walk.judged.believed.sum()} walls by all poses together"
     body = "\n".join(shapes)
     style, further = STYLE, ""
     if walk.undecided is not None:
@@ -62,7 +65,7 @@ width="{width}" height="{height + 36}">
 <rect width="100%" height="100%" fill="#fff"/>
 {body}
 <path d="M10 {height + 4}h{SCALE}" stroke="#333" stroke-width="2"/>
-<text x="{SCALE + 16}" y="{height + 8}">1 m; {len(walk.lines)} walls fitted (green)</text>
+<text x="{SCALE + 16}" y="{height + 8}">1 m; {walls} (green)</text>
 <text x="10" y="{height + 26}">points: {walk.shown.sum()} kept (blue), \
 {rejected.sum()} rejected (hollow), {walk.upright.sum()} from floor or ceiling (pink)\
 {further}</text>

@@ -1,11 +1,14 @@
-"""`map.csv`, every echo, and `walls.csv`, the lines fitted to those that are kept."""
+"""`map.csv`, every echo, and `walls.csv`, the lines fitted to those that are kept.
+
+Where walls were judged over all poses, `hypotheses.csv` has every line that was asked about.
+"""
 
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from echolearn.acoustics.types import Array
-from echolearn.mapping.mapped_walk import Files, MappedWalk
+from echolearn.mapping.mapped_walk import Files, JudgedWalls, MappedWalk
 
 COLUMNS = """
     index x_m y_m toa_s azimuth_rad elevation_rad power score confidence kept floor_or_ceiling
@@ -14,13 +17,17 @@ COLUMNS = """
 MIRROR = "mirror_of"
 """Column of echoes that have a mirror image: the row of the other point, counted from 0."""
 WALLS = "x0_m y0_m x1_m y1_m normal_rad offset_m normal_sd_rad offset_sd_m rms_m points".split()
+HYPOTHESES = "normal_rad offset_m strength confidence wall".split()
 
 
 def write(walk: MappedWalk) -> Files:
     """Return both tables; floats in shortest form. Without a map there are no places, no walls."""
     if not walk.placed:
         return {"map.csv": echo_table(walk)}
-    return {"map.csv": echo_table(walk), "walls.csv": csv_bytes(WALLS, wall_rows(walk))}
+    files = {"map.csv": echo_table(walk), "walls.csv": csv_bytes(WALLS, wall_rows(walk))}
+    if walk.judged is not None:
+        files["hypotheses.csv"] = csv_bytes(HYPOTHESES, hypothesis_rows(walk.judged))
+    return files
 
 
 def echo_table(walk: MappedWalk) -> bytes:
@@ -53,6 +60,12 @@ def wall_rows(walk: MappedWalk) -> Iterable[Sequence[float]]:
         ends = [*line.start.tolist(), *line.end.tolist()]
         sds = [line.normal_sd, line.offset_sd]
         yield *ends, line.normal, line.offset, *sds, line.rms, line.points
+
+
+def hypothesis_rows(judged: JudgedWalls) -> Iterable[Sequence[float]]:
+    """Return a row for each line that was asked about, its columns as in `HYPOTHESES`."""
+    columns = [judged.theta, judged.rho, judged.strength, judged.confidence, judged.believed + 0]
+    return zip(*(column.tolist() for column in columns), strict=True)
 
 
 def csv_bytes(columns: Sequence[str], rows: Iterable[Sequence[float | str]]) -> bytes:

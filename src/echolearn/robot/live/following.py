@@ -96,6 +96,9 @@ def _session(
     """Return what maps a survey; the arguments are those of `live_survey`."""
     sign = (asked.get("localizer") or {}).get("sign")
     scorer = seeking(load(bundle), sign)
+    hint = "this one judges walls of a whole walk, which echolearn map does when it has ended"
+    single = scorer.bundle.hypotheses is None
+    check(single, "bundle", bundle, allowed="must judge echoes one by one", hint=hint)
     described = read_described(survey)
     # What is finished does not grow: `map` would refuse it at the end, all poses later.
     if prove_manifest(survey):

@@ -1,0 +1,126 @@
+"""What does a map of walls cost? `python tests/wall_times.py [page]`.
+
+A simulated walk of 320 poses through 8 x 6 x 5 m at -17 dB, recordings as long as the paper's
+(20 000 samples of six microphones), is mapped by the bundle `walk`: all of it, and its first poses
+alone. Printed is the CPU time in s from recordings to walls (reading them, matched filters,
+evidence, hypotheses, strips, verdicts, points; numpy on one thread), the least of three runs, with
+the compiled loops and without, for the bundle's window and for a farther one; and the most memory
+that the process had, of a process for each row. What comes before, the health of the recordings,
+is told beside it. How many processes the machine ran is told: beside others the same work takes
+longer.
+"""
+
+import os
+import resource
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from echolearn.acoustics.geometry import SearchWindow, circular_array
+from echolearn.acoustics.signals import noise_probe
+from echolearn.acoustics.types import Room
+from echolearn.robot.choices import open_survey
+from echolearn.robot.scorer import load
+from echolearn.robot.shipped import FOLDER
+from echolearn.robot.wall_map import score_walls
+from echolearn.simulation.levels import NoiseLevels
+from echolearn.simulation.noise.white import White
+from echolearn.simulation.rir.images import Images
+from echolearn.simulation.scene import Scene
+from echolearn.simulation.survey import survey
+from echolearn.storage.marked_page import Markers, write_between
+from echolearn.survey.examining import examine
+from echolearn.survey.health import mended
+from echolearn.walls import evidence
+
+WINDOWS = (SearchWindow(1.0, 2.0), SearchWindow(1.0, 6.0))
+ROUNDS = 3
+MOST = 320
+
+MARKERS = Markers(
+    "<!-- wall times: written by `python tests/wall_times.py` -->",
+    "<!-- end of wall times -->",
+    "page",
+)
+
+
+def walk(runs: Path) -> Path:
+    """Simulate the walk."""
+    scene = Scene(circular_array(), noise_probe(), Images(), White())
+    about: Any = {"room": Room((8.0, 6.0, 5.0), 0.6), "scene": scene}
+    return survey(name="walk", levels=NoiseLevels(-17.0), poses=MOST, runs=runs, **about)
+
+
+def cost(folder: Path, *, poses: int, window: SearchWindow, compiled: bool) -> list[float]:
+    """Return the CPU times of health and walls in s, and the most memory in MiB.
+
+    Args:
+        folder: of the walk.
+        poses: how many of it.
+        window: distances of walls.
+        compiled: whether numba is there.
+    """
+    if not compiled:
+        evidence._loops = lambda: None  # type: ignore[assignment]
+    scorer = load(FOLDER / "walk")
+    farther: Any = replace(scorer.bundle.localizer, window=window)  # type: ignore[type-var]
+    scorer = replace(scorer, bundle=replace(scorer.bundle, localizer=farther))
+    whole = open_survey(folder, scorer.bundle, resample=False, direct=None)
+    parts = {key: getattr(whole, key)[:poses] for key in ("poses", "files", "numbers")}
+    some = replace(whole, **parts)
+    health = least(lambda: mended(some, examine(some)))
+    walls = least(lambda: score_walls(scorer, some))
+    return [health, walls, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024]
+
+
+def least(work: Callable[[], object]) -> float:
+    """Return the least CPU time of some work in s."""
+    times = []
+    for _ in range(ROUNDS):
+        began = time.process_time()
+        work()
+        times.append(time.process_time() - began)
+    return min(times)
+
+
+def rows(folder: Path) -> list[str]:
+    """Return the table's rows."""
+    found = []
+    for poses in (40, 80, 160, MOST):
+        cells = [str(poses)]
+        for window in WINDOWS:
+            for compiled in (True, False):
+                told: Any = {"poses": poses, "window": window, "compiled": compiled}
+                # A process of its own, whose memory nothing else has stretched.
+                with get_context("spawn").Pool(1) as pool:
+                    health, walls, memory = pool.apply(cost, (folder,), told)
+                if window is WINDOWS[0] and compiled:
+                    cells.append(f"{health:.2f}")
+                cells.append(f"{walls:.2f}" + (f" ({memory:.0f} MiB)" if compiled else ""))
+        found.append(f"| {' | '.join(cells)} |")
+    return found
+
+
+def main() -> None:
+    """Print the table, and write it into a page if one is named."""
+    with TemporaryDirectory() as place:
+        lines = [
+            f"CPU time in s on one core, the machine at a load of {os.getloadavg()[0]:.1f}:",
+            "",
+            "| poses | health | 1-2 m | without numba | 1-6 m | without numba |",
+            "|---|---|---|---|---|---|",
+            *rows(walk(Path(place))),
+        ]
+    text = "\n".join(lines)
+    print(text)
+    if len(sys.argv) > 1:
+        write_between(Path(sys.argv[1]), f"\n{text}\n", markers=MARKERS)
+
+
+if __name__ == "__main__":
+    main()
