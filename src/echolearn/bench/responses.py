@@ -102,7 +102,7 @@ def receive(plan: Plan) -> None:
         scene, drawn = realistic(plan.scene, plan.realism, rng=rng)
         scene.received(spot.room, spot.pose)
         if drawn:
-            _ = scene.direct
+            _ = scene.beginning
 
 
 def responding(

@@ -59,10 +59,22 @@ class ImperfectScene(Scene):
     @cached_property
     def direct(self) -> Array:
         """Direct path at the microphones as calibration knows it, shape (M, N)."""
+        direct = np.zeros((len(self.array), self.probe.length))
+        direct[:, : self.beginning.shape[1]] = self.beginning
+        return direct
+
+    @cached_property
+    def beginning(self) -> Array:
+        """The direct path without the zeros behind it, which each recording would write and read.
+
+        That would be a thirtieth of the time that a realistic response takes.
+        """
         response = np.zeros((len(self.array), int(self._straight.delay.max()) + SETTLED))
         left = np.array(1.0 - self._flaws.drawn["residual"])
         self._add(self._straight.scaled(left), response)
-        return self._recorded(response)
+        # All that the transform of `convolve` gives, to the last sample that only rounding fills.
+        size = fft.next_fast_len(len(self._emitted) + response.shape[1] - 1, real=True)
+        return self._recorded(response, length=min(size - AHEAD, self.probe.length))
 
     @cached_property
     def _straight(self) -> SoundPaths:
@@ -89,7 +101,7 @@ class ImperfectScene(Scene):
         single.subtract(response)
         response = self._rest(response, room)
         self._add(single.beside(self._clutter(room, pose, places=places)), response)
-        return self._recorded(response)
+        return self._recorded(response, length=self.probe.length)
 
     def _add(self, arrivals: SoundPaths, response: Array) -> None:
         """Add arrivals to a response as the microphones hear them."""
@@ -165,9 +177,9 @@ class ImperfectScene(Scene):
         low = low_pass(self.probe.sample_rate)
         return filtered_signals(response, np.array(heard), low=low, share=share)
 
-    def _recorded(self, response: Array) -> Array:
-        """Return the burst as the loudspeaker plays it, after a response (M, K), shape (M, N)."""
-        return signals.convolve(self._emitted, response, length=self.probe.length, skip=AHEAD)
+    def _recorded(self, response: Array, *, length: int) -> Array:
+        """Return the burst as it is played, after a response (M, K), shape (M, length)."""
+        return signals.convolve(self._emitted, response, length=length, skip=AHEAD)
 
     @cached_property
     def _emitted(self) -> Array:

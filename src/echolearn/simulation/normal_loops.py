@@ -75,7 +75,8 @@ def noisy_recording(
     """Return (received - direct + noise) * gain, shape (M, N), in place of the noise or in `out`.
 
     Args:
-        received, direct, noise: shape (M, N).
+        received, noise: shape (M, N).
+        direct: shape (M, at most N), 0 behind that.
         gain: factor on all.
         out: where it is written, shape (M, N).
     """
@@ -183,8 +184,10 @@ def _record(parts: Any, gain: Any, written: Any) -> None:
     received, direct, noise = parts
     for m in range(len(noise)):
         # A response that reaches beyond the recording is no part of it.
-        for n in range(noise.shape[1]):
+        for n in range(direct.shape[1]):
             written[m, n] = (received[m, n] - direct[m, n] + noise[m, n]) * gain
+        for n in range(direct.shape[1], noise.shape[1]):
+            written[m, n] = (received[m, n] + noise[m, n]) * gain
 
 
 with suppress(RuntimeError):  # there is no place to keep it

@@ -76,7 +76,7 @@ def add_noise(
 
     noise = noises(received, scene, length=scene.probe.length, levels=levels, rng=rng)
     gain = 10.0 ** (gain_db / 20.0)
-    return noisy_recording(received, scene.direct, noise=noise, gain=gain, out=out)
+    return noisy_recording(received, scene.beginning, noise=noise, gain=gain, out=out)
 
 
 def noise_alone(

@@ -78,6 +78,11 @@ class Scene:
         hall = Room((20.0, 20.0, 20.0), 1.0)
         return self.received(replace(hall, walls=(0.0,) * 6), Pose(np.array([10.0, 10.0, 10.0])))
 
+    @property
+    def beginning(self) -> Array:
+        """Direct path up to a sample behind which it is exactly 0, shape (M, at most N)."""
+        return self.direct
+
     def received(self, room: AnyRoom, pose: Pose) -> Array:
         """Return the probe as received, x_m of Eq. 1, without noise, shape (M, N)."""
         response = self.rir(
