@@ -181,8 +181,10 @@ def _spread(grid: Any, axes: Any, table: Any, reach: Any) -> None:
     rows = -(-z.shape[1] // TAPS) * TAPS
     squares = np.zeros(rows)
     products = np.zeros(rows)
-    squares[: z.shape[1]] = z[0]
-    products[: z.shape[1]] = z[1]
+    # Number by number: a slice that is assigned takes seconds to compile.
+    for k in range(z.shape[1]):
+        squares[k] = z[0, k]
+        products[k] = z[1, k]
     weight = np.empty(rows, np.float32)
     slope = np.empty(rows, np.float32)
     steps = np.empty(rows, np.int32)
