@@ -57,7 +57,7 @@ def write(walk: MappedWalk) -> Files:
     style, further = STYLE, ""
     if walk.undecided is not None:
         style += UNDECIDED
-        further = f"; {unsure.sum()} on either side of the array, undecided (orange)"
+        further = f"; {unsure.sum()} undecided (orange)"
     content = f"""\
 <svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height + 36}" \
 width="{width}" height="{height + 36}">
@@ -65,10 +65,9 @@ width="{width}" height="{height + 36}">
 <rect width="100%" height="100%" fill="#fff"/>
 {body}
 <path d="M10 {height + 4}h{SCALE}" stroke="#333" stroke-width="2"/>
-<text x="{SCALE + 16}" y="{height + 8}">1 m; {walls} (green)</text>
+<text x="{SCALE + 16}" y="{height + 8}">1 m; {walls} (green){further}</text>
 <text x="10" y="{height + 26}">points: {walk.shown.sum()} kept (blue), \
-{rejected.sum()} rejected (hollow), {walk.upright.sum()} from floor or ceiling (pink)\
-{further}</text>
+{rejected.sum()} rejected (hollow), {walk.upright.sum()} from floor or ceiling (pink)</text>
 </svg>
 """
     return {"map.svg": content.encode()}
