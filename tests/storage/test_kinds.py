@@ -3,7 +3,7 @@
 import pytest
 
 from echolearn.checks import BadValue
-from echolearn.storage.kinds import KINDS, check_kind, elsewhere, kind_of
+from echolearn.storage.kinds import KINDS, check_kind, elsewhere, folder_kind
 from echolearn.storage.manifests import BUNDLE, MANIFEST, METRICS, finish
 
 MADE = {
@@ -35,9 +35,9 @@ def runs(tmp_path, monkeypatch):
 @pytest.mark.parametrize("kind", MADE)
 def test_a_kind_is_known_by_what_is_in_a_folder(kind, runs):
     folder = runs / MADE[kind][0]
-    assert kind_of(folder) == kind
+    assert folder_kind(folder) == kind
     check_kind("key", folder, wanted=kind, allowed="must be so")
-    assert kind_of(runs) == ""
+    assert folder_kind(runs) == ""
     check_kind("key", runs, wanted=kind, allowed="what says nothing is refused by its reader")
 
 

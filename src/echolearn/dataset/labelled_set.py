@@ -17,7 +17,7 @@ from echolearn.storage import manifests
 from echolearn.storage.advice import data_frame, repair_hint
 from echolearn.storage.files import let_go, open_array
 from echolearn.storage.identity import digest
-from echolearn.storage.kinds import kind_of, told
+from echolearn.storage.kinds import folder_kind, told_kind
 
 RECORDED = "recorded"
 """Kind of the plan of a set that was labelled from a recorded survey."""
@@ -47,7 +47,7 @@ class Dataset:
             "set",
             self.folder,
             allowed="must be a folder that echolearn generate wrote",
-            hint=told(self.folder, kind_of(self.folder), "set"),
+            hint=told_kind(self.folder, folder_kind(self.folder), "set"),
         )
         self._check_format()
         manifests.check_own_name(self.folder, self.manifest)

@@ -12,7 +12,7 @@ from echolearn.storage import manifests
 from echolearn.storage.advice import repair_hint
 from echolearn.storage.files import let_go, open_array
 from echolearn.storage.identity import digest
-from echolearn.storage.kinds import kind_of, told
+from echolearn.storage.kinds import folder_kind, told_kind
 from echolearn.walls.walk import HeardWalk
 
 KIND = "walks"
@@ -34,7 +34,7 @@ class WalkSet:
         self.folder = Path(folder)
         self.manifest = manifests.load_manifest(self.folder)
         allowed = "must be a folder that echolearn generate plan=walks wrote"
-        hint = told(self.folder, kind_of(self.folder), KIND)
+        hint = told_kind(self.folder, folder_kind(self.folder), KIND)
         check(self.manifest.get("kind") == KIND, "set", self.folder, allowed=allowed, hint=hint)
         manifests.check_own_name(self.folder, self.manifest)
         self.digest: str = digest(self.manifest["files"])

@@ -37,7 +37,8 @@ from echolearn.robot.bundle_inputs import NEWER, echo_inputs, wall_inputs
 from echolearn.robot.reference import Reference, read_reference
 from echolearn.robot.schema import GOLDEN, OF_WALLS, REFERENCE, limits_of, upgraded
 from echolearn.storage import manifests
-from echolearn.storage.files import MEND, json_bytes, one_line
+from echolearn.storage.advice import MEND
+from echolearn.storage.files import json_bytes, one_line
 from echolearn.storage.kinds import check_kind
 from echolearn.survey.audio import burst_of, wav_samples
 

@@ -34,8 +34,7 @@ from echolearn.robot.compatibility import mount_angle
 from echolearn.robot.examination import examined
 from echolearn.robot.model import replay
 from echolearn.storage import manifests
-from echolearn.storage.advice import repair_hint
-from echolearn.storage.files import MEND
+from echolearn.storage.advice import MEND, repair_hint
 
 BLOCK = 4096
 """Inputs scored at once."""

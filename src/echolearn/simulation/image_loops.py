@@ -200,7 +200,8 @@ def _spread(grid: Any, axes: Any, table: Any, reach: Any) -> None:
 
             # Apart from the spreading, so that several square roots are taken at a time.
             for k in range(0, count, TAPS):
-                _place_row((squares, products, k, square, product, steps, weight, slope))  # type: ignore[call-arg]
+                row_places = (squares, products, k, square, product, steps, weight, slope)
+                _place_row(row_places)  # type: ignore[call-arg]
             for k in range(count):
                 at = steps[k] >> STEP_BITS
                 row = steps[k] & (STEPS - 1)

@@ -19,7 +19,9 @@ from typing import Any
 
 from echolearn.checks import BadValue
 from echolearn.storage import known
-from echolearn.storage.files import MEND
+
+MEND = "make it again as it was made"
+"""What to do about a damaged file whose manifest names no `command`."""
 
 PLACES = {
     "generate": "data",

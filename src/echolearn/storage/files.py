@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from echolearn.checks import BadValue
+from echolearn.storage.advice import MEND
 from echolearn.storage.identity import canonical
 
 LARGEST = 64 << 30
@@ -33,9 +34,6 @@ LARGEST = 64 << 30
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors against which more room helps."""
-
-MEND = "make it again as it was made"
-"""What to do about a damaged file whose manifest names no `command`."""
 
 
 def sha256(path: Path) -> str:

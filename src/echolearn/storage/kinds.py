@@ -1,6 +1,6 @@
 """What a folder is, told by what is in it, and what to do where another kind was meant.
 
-    folder --kind_of--> "run"                      name that is not there --elsewhere--> a hint
+    folder --folder_kind--> "run"                      name that is not there --elsewhere--> a hint
     folder, kind wanted --check_kind--> nothing, or one line: what it is, and the step that leads on
 
 A run where a bundle belongs, a survey where a set does: the folder is there and whole, so its
@@ -60,7 +60,7 @@ STEPS = {
 """What to do with a folder of one kind where another is wanted."""
 
 
-def kind_of(folder: Path) -> str:
+def folder_kind(folder: Path) -> str:
     """Return the kind of a folder, a key of `KINDS`; nothing where that cannot be told."""
     for name, kind in KINDS.items():
         if kind.mark != MANIFEST and (folder / kind.mark).is_file():
@@ -82,11 +82,13 @@ def check_kind(key: str, folder: Path, *, wanted: str, allowed: str, hint: str =
         hint: what to do if it is not there.
     """
     manifests.check_folder(key, folder, allowed=allowed, hint=hint)
-    found = kind_of(folder)
-    check(found in ("", wanted), key, folder, allowed=allowed, hint=told(folder, found, wanted))
+    found = folder_kind(folder)
+    check(
+        found in ("", wanted), key, folder, allowed=allowed, hint=told_kind(folder, found, wanted)
+    )
 
 
-def told(folder: Path, found: str, wanted: str) -> str:
+def told_kind(folder: Path, found: str, wanted: str) -> str:
     """Return what a folder is, and what leads from there to what is wanted; nothing if unknown.
 
     Args:
@@ -112,12 +114,12 @@ def elsewhere(name: str, *, wanted: str, runs: Path) -> str:
     # No deeper: a home may hold anything.
     for depth in ("*", "*/*"):
         for mark in sorted(Path().glob(f"{depth}/{escape(name)}/{KINDS[wanted].mark}")):
-            if kind_of(mark.parent) == wanted:
+            if folder_kind(mark.parent) == wanted:
                 return f"is it {mark.parent}?"
     # What has the name by chance, as a comparison that of a plan, leads nowhere.
     for pattern in ("", "-*"):
         for folder in sorted(Path(runs).glob(f"*/{escape(name)}{pattern}/")):
-            found = kind_of(folder)
+            found = folder_kind(folder)
             if (found, wanted) in STEPS and KINDS[found].place == folder.parent.name:
-                return f"{folder}: {told(folder, found, wanted)}"
+                return f"{folder}: {told_kind(folder, found, wanted)}"
     return ""

@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 
 from echolearn.checks import BadValue, check
 from echolearn.storage import known
-from echolearn.storage.advice import repair_hint
+from echolearn.storage.advice import MEND, repair_hint
 from echolearn.storage.files import (
-    MEND,
     check_file,
     json_bytes,
     load_json,

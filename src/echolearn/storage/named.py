@@ -10,7 +10,7 @@ from glob import escape
 from pathlib import Path
 
 from echolearn.checks import check
-from echolearn.storage.kinds import KINDS, kind_of
+from echolearn.storage.kinds import KINDS, folder_kind
 
 MARKS = {kind.place: kind.mark for kind in KINDS.values()}
 """File by which a finished folder is known, for each place under `runs`."""
@@ -55,7 +55,7 @@ def folder_called(given: str | Path, place: str, *, runs: Path) -> Path | None:
 
 def _may_lie(folder: Path, place: str) -> bool:
     """Tell whether a folder may be one of a place under `runs`: it does not say anything else."""
-    found = kind_of(folder)
+    found = folder_kind(folder)
     return not found or KINDS[found].place == place
 
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.localization.estimates import joint_echoes
-from echolearn.localization.localizer import check_arguments, check_directions, prepare
 from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.preparation import check_arguments, check_directions, prepare
 from echolearn.localization.relax import expect_maximize, relax
 from echolearn.localization.search import joint_search
 from echolearn.localization.wall_echoes import wall_echoes

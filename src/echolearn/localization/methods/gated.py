@@ -29,8 +29,8 @@ from echolearn.localization.estimates import (
     from_upright_walls,
     reference_echoes,
 )
-from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import GATE, MatchedFilter, check_extent
+from echolearn.localization.preparation import check_arguments, prepare
 from echolearn.localization.wall_echoes import on_no_axis, wall_echoes
 from echolearn.storage.identity import LATER
 

@@ -17,8 +17,9 @@ from echolearn.acoustics.geometry import SearchWindow
 from echolearn.acoustics.types import Echoes, Observation
 from echolearn.localization.correlations import PAD
 from echolearn.localization.estimates import joint_echoes
-from echolearn.localization.localizer import check_arguments, check_directions, prepare, returned
+from echolearn.localization.localizer import returned
 from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.preparation import check_arguments, check_directions, prepare
 from echolearn.localization.relax import relax
 from echolearn.localization.search import Search, joint_search
 from echolearn.localization.silence import alike

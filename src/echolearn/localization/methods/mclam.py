@@ -27,8 +27,8 @@ from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.correlations import advance
 from echolearn.localization.estimates import joint_echoes
-from echolearn.localization.localizer import check_arguments, check_directions, prepare
 from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.preparation import check_arguments, check_directions, prepare
 from echolearn.localization.search import Peak, joint_search, reference_search
 from echolearn.localization.silence import energies
 from echolearn.localization.whitening import noise_variance

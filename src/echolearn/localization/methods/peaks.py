@@ -19,8 +19,8 @@ from echolearn.acoustics.types import Array, Echoes, Observation
 from echolearn.checks import check
 from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.estimates import echoes_at, mpdr_echoes
-from echolearn.localization.localizer import check_arguments, prepare
 from echolearn.localization.matched_filter import PEAK_SPACING, MatchedFilter
+from echolearn.localization.preparation import check_arguments, prepare
 from echolearn.storage.identity import LATER
 
 

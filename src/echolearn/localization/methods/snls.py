@@ -17,8 +17,8 @@ from echolearn.acoustics.types import Echoes, Observation
 from echolearn.checks import check
 from echolearn.localization.beamforming import Mpdr
 from echolearn.localization.estimates import mpdr_echoes, reference_echoes
-from echolearn.localization.localizer import check_arguments, check_directions, prepare
 from echolearn.localization.matched_filter import MatchedFilter
+from echolearn.localization.preparation import check_arguments, check_directions, prepare
 from echolearn.storage.identity import LATER
 
 
