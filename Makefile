@@ -41,6 +41,9 @@ $(READY): requirements.lock requirements-cuda.lock pyproject.toml
 	@# Only PyPI's torch for Linux lacks something now.
 	$(BIN)/pip check >/dev/null || $(LOCKED) --requirement requirements-cuda.lock
 	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
+	@# Loops are compiled once here, by sets that need nearly all of them; else each process does so that finds none.
+	-$(RUN) generate -m runs=.venv/first engine=serial -- plan=varied plan.rows=6 plan.t60=[0.3,0.3] -- plan=tiny_scattered plan.rows=4 plan.rooms=[l_shape] >/dev/null 2>&1
+	rm -rf .venv/first
 	touch $@
 
 paper: $(READY) ## the main job in full size: sets, classifiers, surveys, comparison
