@@ -18,12 +18,12 @@ SETS := paper,paper_planar,scattered,offgrid_10x8x6,offgrid_8x6x5,offgrid_13x11x
 # Classifiers that are cross-validated, too, as in the paper: those that fit in seconds.
 CROSSED := s*,t*
 # Those for sets of their own (`plan=varied`): they are no rows of the paper's comparison.
-LATER := sklearn,walls_*,*_ideal,*_cfar,*_invariant,ensemble,mapnet,posenet
+LATER := adapted,sklearn,walls_*,*_ideal,*_cfar,*_invariant,ensemble,mapnet,posenet
 # The rooms that are mapped.
 MAPPED := 8x6x5,13x11x5
 
 .DEFAULT_GOAL := help
-.PHONY: help venv paper map tiny measured point large walk walk-bundle readme studies bench architecture docs test test-release coverage lint clean
+.PHONY: help venv paper map tiny measured adapted point large walk walk-bundle readme studies bench architecture docs test test-release coverage lint clean
 
 help: ## show this page
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -82,6 +82,22 @@ measured: $(READY) ## classifiers for the array of R3VIVAL on its measured sound
 	  'surveys=[$(subst $(empty) ,$(comma),$(strip $(HEARD)))]' \
 	  localizer@localizers.snls=null localizer@localizers.joint=null readme=docs/measured.md
 
+# Every second place of the loudspeaker is labelled, the others are tested on, in the room with absorbing panels.
+HALVES = $(shell $(BIN)/python -c "from echolearn.survey.sources.r3vival import PLACES as p; print(*('['+','.join(h)+']' for h in (p[::2],p[1::2])))")
+LABELLED = $(foreach draw,0 1,$(foreach level,-10 -5 0 10 40,learned_$(level)_$(draw)))
+HUNDRED = source.conditions=[\'100\'] folder=$(CHECKOUT) runs=$(RUNS)/adapted
+
+adapted: measured ## what adapting filters to half of R3VIVAL's places adds on the others; CHECKOUT=folder of the whole set; writes docs/measured.md
+	@test -n "$(CHECKOUT)" || { echo "CHECKOUT= must name a checkout of facebookresearch/R3VIVAL"; exit 1; }
+	$(RUN) import -m -j $(JOBS) $(HUNDRED) snr_db=$(LEVELS) draw=0,1 source.places=$(word 1,$(HALVES)) 'name=learned_$${snr_db}_$${draw}'
+	$(RUN) import -m -j $(JOBS) $(HUNDRED) snr_db=$(LEVELS) draw=2,3 source.places=$(word 2,$(HALVES)) 'name=tested_$${snr_db}_$${draw}'
+	$(RUN) label runs=$(RUNS)/adapted name=half survey=$(firstword $(LABELLED)) \
+	  'beside=[$(subst $(empty) ,$(comma),$(wordlist 2,99,$(LABELLED)))]'
+	for run in $(RUNS)/measured/train/trees_features-scattered_measured-* $(RUNS)/measured/train/svm_features-scattered_measured-*; do \
+	  $(RUN) train runs=$(RUNS)/adapted init=$$run plan=half target=time_and_direction aim=balanced test_share=0.1 validation_share=0.3 \
+	  || exit 1; done
+	OMP_NUM_THREADS=1 $(BIN)/python docs/adapting.py $(RUNS)/adapted $(RUNS)/measured docs/measured.md
+
 # What sets for filters of measured sound hold besides, as the plan of that name has it, and the tensors of networks.
 FURTHER = $(shell sed -n 's/^further: \[\(.*\)\].*/\1/p' conf/plan/varied.yaml)
 TENSORS := covariance_steered_ideal,correlation_map
@@ -111,7 +127,7 @@ point: $(READY) ## the bundle `point` that comes along, made anew: sets, filter,
 # Filters on large sets: every classifier, label and kind of column, every ingredient of realism left out in turn.
 ROWS ?= 50000
 SEEDS ?= 0,1,2
-MODELS ?= glob(*,exclude=[sklearn])
+MODELS ?= glob(*,exclude=[adapted,sklearn])
 FEWER = $(shell echo $$(($(ROWS) / 5)))
 WHOLE = plan=varied plan.rows=$(ROWS) 'plan.further=[$(FURTHER),cfar,$(TENSORS)]'
 PART = plan=varied plan.rows=$(FEWER)

@@ -47,7 +47,7 @@ def test_what_nothing_tells_of_is_refused(walk):
 
 
 def test_rows_are_labelled_by_time_direction_and_place(walk):
-    table, _ = labelled_rows(walk, Gated(walk.window, 36), height=4.0, further=["level"])
+    table, _ = labelled_rows(walk, localizer=Gated(walk.window, 36), height=4.0, further=["level"])
     truths = true_echoes_of(walk, 4.0)
     assert len(table) == len(walk) and "level" in table.dtype.names
     for row, truth, pose in zip(table, truths, walk.poses, strict=True):
@@ -60,7 +60,7 @@ def test_rows_are_labelled_by_time_direction_and_place(walk):
 
 def test_rows_on_the_edge_and_between_two_walls_are_doubtful(walk):
     alone = replace(walk, walls=None)
-    table, _ = labelled_rows(walk, Gated(walk.window, 36), height=4.0, further=[])
+    table, _ = labelled_rows(walk, localizer=Gated(walk.window, 36), height=4.0, further=[])
     sample = 1 / walk.probe.sample_rate
     misses = [(0.0,), (9.5,), (25.0,), (3.0, -4.0), (1.0, -8.0)]
     truths = [
@@ -68,7 +68,7 @@ def test_rows_on_the_edge_and_between_two_walls_are_doubtful(walk):
         for toa, miss in zip(table["toa"], misses * 8, strict=False)
     ]
     told = replace(alone, truth=tuple(truths[: len(walk)]))
-    found, doubtful = labelled_rows(told, Gated(walk.window, 36), height=None, further=[])
+    found, doubtful = labelled_rows(told, localizer=Gated(walk.window, 36), height=None, further=[])
     assert [row for row, _, _ in doubtful if row < 5] == [1, 3]
     assert "edge" in doubtful[0][2] and "two walls" in doubtful[1][2]
     assert found["reflector"][:5].tolist() == [True, True, False, True, True]
@@ -87,6 +87,30 @@ def test_poses_of_one_place_stay_together(walk):
     assert len(set(place_groups(replace(turned, poses=(poses[0],) * 5)))) == 3
     named = replace(moved, further={"place": ("b", "a", "b", "a", "c")})
     assert place_groups(named).tolist() == [1, 0, 1, 0, 2]
+
+
+def test_surveys_of_one_robot_become_one_set_and_share_their_places(world, walk):
+    """Rows follow each other; a pose of the second walk is at the place of the first's."""
+    quiet = read_survey(world.runs / "survey" / "hall_-10dB")
+    about = {"localizer": Gated(walk.window, 36), "height": 4.0, "further": []}
+    both, doubtful = labelled_rows(walk, replace(quiet, truth=true_echoes_of(quiet)), **about)
+    first, told = labelled_rows(walk, **about)
+    assert len(both) == 2 * len(walk)
+    for name in ("toa", "reflector", "position"):
+        assert (both[name][: len(walk)] == first[name]).all()
+    # The second survey has no floor and ceiling among its true echoes.
+    assert both["truth_toa"].shape == (72, 6) and np.isnan(both["truth_toa"][36:, 4:]).all()
+    assert both["snr_db"].tolist() == [0.0] * 36 + [-10.0] * 36
+    same = (walk.poses[3].position == quiet.poses[3].position).all()
+    assert (both["group"][3] == both["group"][39]) == same
+    assert doubtful[0] == (told[0][0], told[0][1], f"hall_0dB: {told[0][2]}")
+    assert max(row for row, _, _ in doubtful) >= 36
+    timed = replace(quiet, walls=None, truth=true_echoes_of(quiet))
+    with pytest.raises(
+        BadValue, match="beside=.*must be surveys that tell their truth in the same"
+    ):
+        labelled_rows(walk, timed, **about)
+    assert (both["group"][36:] == place_groups(walk, quiet)[36:]).all()
 
 
 def test_a_labelled_survey_is_trained_on_like_any_set(world, walk, tmp_path, monkeypatch, capsys):
@@ -114,6 +138,10 @@ def test_a_labelled_survey_is_trained_on_like_any_set(world, walk, tmp_path, mon
     for given in (f"plan={folder}", "plan=hall_0dB"):
         line = ["train", given, "classifier=threshold_peak", "target=on_map", "aim=balanced"]
         assert main(line) == 0
+    beside = f"beside=[{world.runs / 'survey' / 'hall_-10dB'}]"
+    assert main(["label", *words, "name=both", beside]) == 0
+    [both] = place.glob("both-*")
+    assert len(Dataset(both)) == 72
     [run] = (tmp_path / "runs" / "train").iterdir()
     metrics = json.loads((run / "metrics.json").read_text())
     assert metrics["data"] == dataset.digest and metrics["plan"] == "hall_0dB"

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from echolearn.cli.fitting import fitted, recipe_of
 from echolearn.cli.keys import (
     built,
+    called,
     leave_out,
     named,
     needed,
@@ -267,10 +268,13 @@ def _check(config: "Config") -> Path:
 
 def _label(config: "Config") -> Path:
     """Make the labelled set of a recorded survey whose walls or true echoes are known."""
+    from echolearn.checks import check_list
     from echolearn.comparison.recorded_set import label_survey
 
+    check_list("beside", config["beside"])
     return label_survey(
         recorded_survey(config),
+        beside=[called(each, "survey", config=config, key="beside") for each in config["beside"]],
         runs=Path(config["runs"]),
         **built(config, "localizer name role height further command"),
     )

@@ -140,7 +140,7 @@ def recorded_survey(config: "Config", hint: str = "") -> Path:
         BadValue: none is named, or no survey has the name.
     """
     given = needed(config, "survey", allowed=RECORDED, other=hint)
-    return _called(given, "survey", config=config, key="survey")
+    return called(given, "survey", config=config, key="survey")
 
 
 def named(config: "Config", key: str, *, place: str) -> Path | None:
@@ -155,10 +155,21 @@ def named(config: "Config", key: str, *, place: str) -> Path | None:
         BadValue: the beginning of several names.
     """
     given = config[key]
-    return _called(given, place, config=config, key=key) if given else None
+    return called(given, place, config=config, key=key) if given else None
 
 
-def _called(given: str, place: str, *, config: "Config", key: str) -> Path:
+def called(given: str, place: str, *, config: "Config", key: str) -> Path:
+    """Return the folder that a value names or whose path it is.
+
+    Args:
+        given: the value.
+        place: folder under `runs` where such folders lie.
+        config: in plain containers.
+        key: whose value it is.
+
+    Raises:
+        BadValue: the name of nothing, or the beginning of several.
+    """
     from echolearn.checks import check, suggest
     from echolearn.storage.kinds import KINDS, elsewhere
     from echolearn.storage.named import folder_named

@@ -60,9 +60,10 @@ def label_survey(
     role: str = "training",
     height: float | None = None,
     further: Sequence[str] = (),
+    beside: Sequence[Path] = (),
     command: str | None = None,
 ) -> Path:
-    """Write the labelled set of a recorded survey, and return its folder; once made, it is kept.
+    """Write the labelled set of recorded surveys, and return its folder; once made, it is kept.
 
     Args:
         folder: of the survey.
@@ -72,6 +73,8 @@ def label_survey(
         role: what the set is for, of `roles.ROLES`.
         height: of the room in m, where floor and ceiling shall count; `truth.csv` needs none.
         further: names of columns and tensors that are wanted besides those of every set.
+        beside: folders of further surveys by the same robot, whose rows follow; a place is one
+            place in all of them.
         command: what makes the set again.
 
     Raises:
@@ -82,15 +85,19 @@ def label_survey(
     check_choice("role", role, *ROLES)
     if height is not None:
         check_number("height", height, low=0.5, high=200.0, unit="m")
-    survey = opened_survey(
-        folder, health_of(folder) if is_examined(folder) else None, window=localizer.window
-    )
+    surveys = [_opened(each, localizer) for each in (folder, *beside)]
+    survey = surveys[0]
     plan = _plan(survey, localizer, name=name, role=role, further=further)
     plan |= {} if height is None else {"height": float(height)}
+    if beside:
+        _check_one_robot(surveys)
+        plan["beside"] = [survey_digest(each.folder) for each in surveys[1:]]
     place = Path(runs) / "data" / manifests.set_name({"format": FORMAT, "plan": plan})
     with locked(place):
         if not manifests.is_finished(place):
-            table, doubtful = labelled_rows(survey, localizer, height=height, further=further)
+            table, doubtful = labelled_rows(
+                *surveys, localizer=localizer, height=height, further=further
+            )
             manifests.write_shard(place, 0, array=table)
             about = {"kind": "set", "format": FORMAT, "rows": len(table), "plan": plan}
             about |= {"microphones": survey.array.positions.tolist(), "doubtful": doubtful}
@@ -141,10 +148,61 @@ def _tell(place: Path) -> None:
         print(f"  and {len(doubtful) - SHOWN} more: doubtful in {place / manifests.MANIFEST}")
 
 
+def _opened(folder: Path, localizer: Localizer) -> Survey:
+    """Return a survey as `map` hears it."""
+    health = health_of(folder) if is_examined(folder) else None
+    return opened_survey(folder, health, window=localizer.window)
+
+
+def _check_one_robot(surveys: Sequence[Survey]) -> None:
+    """Raise `BadValue` unless all surveys were recorded by the same robot."""
+    first = surveys[0]
+    for each in surveys[1:]:
+        robots = [plain([one.array, one.emitted, one.speed_of_sound]) for one in (first, each)]
+        allowed = f"must be of the array, burst and speed of sound of {first.folder}"
+        check(robots[0] == robots[1], "beside", each.folder, allowed=allowed)
+
+
 def labelled_rows(
-    survey: Survey, localizer: Localizer, *, height: float | None, further: Sequence[str]
+    *surveys: Survey, localizer: Localizer, height: float | None, further: Sequence[str]
 ) -> tuple[Array, list[tuple[int, int, str]]]:
-    """Return the records of a survey, a structured array (P R,), and which rows are doubtful.
+    """Return the records of surveys, a structured array (P R,), and which rows are doubtful.
+
+    Args:
+        surveys: what was recorded, mended.
+        localizer: estimates R echoes of each of P poses.
+        height, further: as those of `label_survey`.
+
+    Raises:
+        BadValue: they do not tell the truth in one way.
+    """
+    found: list[dict[str, Array]] = []
+    doubtful: list[tuple[int, int, str]] = []
+    for survey in surveys:
+        columns, doubts = _labelled(survey, localizer, height=height, further=further)
+        begun = sum(len(each["toa"]) for each in found)
+        said = f"{survey.folder.name}: " if len(surveys) > 1 else ""
+        doubtful += [(begun + row, index, f"{said}{why}") for row, index, why in doubts]
+        found.append(columns)
+    alike = len({frozenset(each) for each in found}) == 1
+    allowed = "must be surveys that tell their truth in the same way, by truth.csv or by walls"
+    check(alike, "beside", [each.folder.name for each in surveys], allowed=allowed)
+
+    # What is not there is NaN, and surveys may have different numbers of true echoes.
+    most = max(each["truth_toa"].shape[1] for each in found)
+    for each in found:
+        lacking = ((0, 0), (0, most - each["truth_toa"].shape[1]))
+        each["truth_toa"] = np.pad(each["truth_toa"], lacking, constant_values=np.nan)
+    joined = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
+    poses = sum(map(len, surveys))
+    joined["group"] = np.repeat(place_groups(*surveys), len(joined["toa"]) // poses)
+    return structured(joined), doubtful
+
+
+def _labelled(
+    survey: Survey, localizer: Localizer, *, height: float | None, further: Sequence[str]
+) -> tuple[dict[str, Array], list[tuple[int, int, str]]]:
+    """Return the columns of a survey, each (P R, ...), and which rows are doubtful.
 
     Args:
         survey: what was recorded, mended.
@@ -173,7 +231,7 @@ def labelled_rows(
         (row, survey.numbers[row // each], why)
         for row, why in _doubtful(late, None if off is None else off / MAP_TOLERANCE)
     ]
-    return structured(columns), doubts
+    return columns, doubts
 
 
 def true_echoes_of(survey: Survey, height: float | None = None) -> tuple[Truth, ...]:
@@ -222,16 +280,18 @@ def loudspeaker_at(survey: Survey, pose: int) -> Array:
     return position + turned(survey.loudspeakers[pose], here.heading)
 
 
-def place_groups(survey: Survey) -> Array:
-    """Return the number of the place of each pose, shape (P,).
+def place_groups(*surveys: Survey) -> Array:
+    """Return the number of the place of each pose of all surveys, shape (P,).
 
     That is what `poses.csv` calls `place`; or else poses belong together that are chained by steps
     of at most `APART` of the robot, or of its loudspeaker where that moves on its own.
     """
-    named = survey.further.get("place")
-    if named is not None:
-        return np.unique(np.array(named), return_inverse=True)[1]
-    points = np.stack([loudspeaker_at(survey, pose) for pose in range(len(survey))])
+    named = [survey.further.get("place") for survey in surveys]
+    if all(each is not None for each in named):
+        return np.unique(np.concatenate([np.array(each) for each in named]), return_inverse=True)[1]
+    points = np.stack(
+        [loudspeaker_at(survey, pose) for survey in surveys for pose in range(len(survey))]
+    )
     pairs = cKDTree(points).query_pairs(APART, output_type="ndarray")
     count = len(points)
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
@@ -249,7 +309,7 @@ def _context(survey: Survey) -> dict[str, Array]:
         "room": np.tile([*floor_size(survey.walls), 0.0], (count, 1)),
         "position": np.array([pose.position for pose in survey.poses], dtype=float),
         "heading": np.array([pose.heading for pose in survey.poses], dtype=float),
-        "group": place_groups(survey),
+        "group": np.zeros(count, dtype=np.int64),  # told over all surveys (`labelled_rows`)
     }
 
 

@@ -90,9 +90,11 @@ class R3vival:
 
     Attributes:
         conditions: states of the panels as file names have them: shares of 100 that absorb.
+        places: of the loudspeaker, as file names have them; None takes all.
     """
 
     conditions: Sequence[str] = ("000", "100")
+    places: Sequence[str] | None = None
 
     def __post_init__(self) -> None:
         check_list("source.conditions", self.conditions)
@@ -100,6 +102,11 @@ class R3vival:
         allowed = "must be states of the panels, ['000','100']"
         some = len(set(map(str, self.conditions))) == len(self.conditions) > 0
         check(plain and some, "source.conditions", list(self.conditions), allowed=allowed)
+        if self.places is not None:
+            check_list("source.places", self.places)
+            odd = [each for each in self.places if each not in PLACES]
+            allowed = f"must be some of {', '.join(PLACES)}"
+            check(len(self.places) > 0 and not odd, "source.places", odd, allowed=allowed)
 
     def read(self, folder: Path | None) -> Measurements:
         """Return the responses of a checkout, or of the slice that comes with echolearn.
@@ -118,7 +125,7 @@ class R3vival:
         responses = []
         rates = set()
         for condition in held:
-            for name in PLACES:
+            for name in PLACES if self.places is None else self.places:
                 path = place / f"RLRVarAcLab_Absorptive_{condition}_{name}_R1_FRL10cm.wav"
                 rate, samples = read_response(path)
                 rates.add(rate)
