@@ -313,6 +313,15 @@ def test_what_is_no_checkout_is_told_from_what_is_incomplete(checkout):
         R3vival(["../000"])
 
 
+def test_some_places_of_the_loudspeaker_are_those_that_are_named():
+    wanted = ["S030-150", "S210-300"]
+    found = R3vival(["000"], places=wanted).read(None).responses
+    assert [response.place for response in found] == wanted
+    for wrong in ([], ["S031-150"], "S030-150"):
+        with refused("source.places="):
+            R3vival(places=wrong)
+
+
 # ---------------------------------------------------------------- dEchorate
 
 

@@ -9,7 +9,8 @@ of poses or walls would turn: its miss is within `NEAR` of the tolerance, or two
 as near to it. Rows of one place share a `group`, by which every split is made.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from echolearn.acoustics.geometry import microphone_positions, turned, wrap
 from echolearn.acoustics.sides import distance_to_outline, first_echoes, mirror_images
-from echolearn.acoustics.types import Array, Echoes, Pose, Truth
+from echolearn.acoustics.types import Array, Echoes, MicArray, Pose, Truth
 from echolearn.checks import check, check_choice, check_name, check_number
 from echolearn.comparison.conditions import joint_snr_db
 from echolearn.comparison.finding import survey_digest
@@ -93,18 +94,38 @@ def label_survey(
         _check_one_robot(surveys)
         plan["beside"] = [survey_digest(each.folder) for each in surveys[1:]]
     place = Path(runs) / "data" / manifests.set_name({"format": FORMAT, "plan": plan})
-    with locked(place):
-        if not manifests.is_finished(place):
-            table, doubtful = labelled_rows(
-                *surveys, localizer=localizer, height=height, further=further
-            )
-            manifests.write_shard(place, 0, array=table)
-            about = {"kind": "set", "format": FORMAT, "rows": len(table), "plan": plan}
-            about |= {"microphones": survey.array.positions.tolist(), "doubtful": doubtful}
-            about |= manifests.command_entry(command)
-            manifests.finish(place, about, files=[manifests.shard_name(0)])
+    rows = partial(labelled_rows, *surveys, localizer=localizer, height=height, further=further)
+    _write_once(place, rows, plan=plan, array=survey.array, command=command)
     _tell(place)
     return place
+
+
+def _write_once(
+    place: Path,
+    rows: Callable[[], tuple[Array, list[tuple[int, int, str]]]],
+    *,
+    plan: dict[str, Any],
+    array: MicArray,
+    command: str | None,
+) -> None:
+    """Write a set unless it is there.
+
+    Args:
+        place: its folder.
+        rows: makes its records, and tells the doubtful ones.
+        plan: what its manifest says of how it was made.
+        array: what the robot heard with.
+        command: what makes it again.
+    """
+    with locked(place):
+        if manifests.is_finished(place):
+            return
+        table, doubtful = rows()
+        manifests.write_shard(place, 0, array=table)
+        about = {"kind": "set", "format": FORMAT, "rows": len(table), "plan": plan}
+        about |= {"microphones": array.positions.tolist(), "doubtful": doubtful}
+        about |= manifests.command_entry(command)
+        manifests.finish(place, about, files=[manifests.shard_name(0)])
 
 
 def _plan(
