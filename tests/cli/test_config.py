@@ -13,6 +13,7 @@ from echolearn.checks import BadValue, suggest
 from echolearn.cli.compose import compose, dotted
 from echolearn.cli.config import UsageError, build
 from echolearn.cli.own import folder
+from echolearn.cli.set_robot import scene_of
 from echolearn.cli.targets import KINDS
 from echolearn.cli.words import plain_config
 from echolearn.storage import identity
@@ -385,3 +386,23 @@ def test_names_in_lists_and_among_quoted_ones_are_what_was_typed():
     assert found["tested"] == ["1_000"]
     swept = compose("map", ["survey='a (1)',007,'b, c'"], many=True)
     assert [config["survey"] for _, config in swept] == ["a (1)", "007", "b, c"]
+
+
+@pytest.mark.parametrize(
+    ("command", "microphones"),
+    [
+        ("generate plan=tiny scene=octahedron", "octahedron"),
+        ("generate plan=tiny --config-dir=gone", "ring"),
+        # What cannot be told is the command's own: a survey that is gone, a plan that never was.
+        ("label survey=gone/walk", None),
+        ("generate plan=gone", None),
+    ],
+)
+def test_the_robot_of_a_set_is_that_of_the_command_that_made_it(command, microphones):
+    usual = {"array": None}
+    found = scene_of(f"echolearn {command}", usual)
+    if microphones is None:
+        assert found is usual
+    else:
+        [(_, there)] = compose("generate", [f"scene={microphones}"])
+        assert found["array"] == there["scene"]["array"]

@@ -378,6 +378,10 @@ def test_an_interval_is_shown_where_there_is_one_and_a_difference_has_a_sign():
     assert template.with_interval(row, 100, 0) == "76 [70, 81]"
     assert template.with_interval(row | {"ci_low": NAN, "ci_high": NAN}) == "0.76"
     assert template.with_interval(row | {"value": NAN}) == template.with_interval(None) == ""
+    # Of nothing that is kept there is no precision, nor a mean over seeds of which one keeps none.
+    nothing = row | {"value": NAN, "metric": "precision"}
+    assert template.with_interval(nothing) == template.precision(nothing) == "a seed keeps nothing"
+    assert template.precision(row) == "76"
     test = {"difference": 0.031, "ci_low": -0.002, "ci_high": 0.06}
     assert template.signed(test) == "+3.1 [-0.2, +6.0]"
 

@@ -32,11 +32,11 @@ def robot_of_set(config: "Config") -> "Config":
         run = named(config, "run", place="train")
         place = set_folder(find_run(run, named(config, "best", place="compare")))
         made = own_command(load_manifest(place))
-        usual = _scene_of(anywhere(made, place), usual) if made else usual
+        usual = scene_of(anywhere(made, place), usual) if made else usual
     return built(usual, "array probe", prefix="scene.")
 
 
-def _scene_of(command: str, usual: "Config") -> "Config":
+def scene_of(command: str, usual: "Config") -> "Config":
     """Return the scene of a command that made a set.
 
     Args:

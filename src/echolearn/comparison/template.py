@@ -14,6 +14,12 @@ FEW = 100
 bootstrap says 1.00 [1.00, 1.00], but one more may already be out of order."""
 
 
+PRECISIONS = ("precision", "own_precision", "time_precision")
+"""Metrics that are not defined of what keeps nothing; nor is their mean if one seed does."""
+
+KEEPS_NOTHING = "a seed keeps nothing"
+
+
 def template(name: str, *, room: str = "comparison") -> Any:
     """Return a template of a room, with the filters that format numbers."""
     from jinja2 import Environment, StrictUndefined
@@ -55,7 +61,14 @@ def with_interval(row: Row | None, scale: float = 1.0, digits: int = 2) -> str:
     if row is None:
         return ""
     value, low, high = (number(row[key], scale, digits) for key in ("value", "ci_low", "ci_high"))
+    if not value and row.get("metric") in PRECISIONS:
+        return KEEPS_NOTHING
     return f"{value} [{low}, {high}]" if value and low else value
+
+
+def precision(row: Row) -> str:
+    """Return the precision of a row in %, or that there is none, since nothing was kept."""
+    return number(row["value"], 100, 0) or KEEPS_NOTHING
 
 
 def signed(test: Row, *, scale: float = 100.0, digits: int = 1) -> str:
@@ -125,5 +138,16 @@ def p_value(p: float) -> str:
     return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
 
 
-FILTERS = (number, with_interval, signed, shade, figure, of_few, shares, p_value, verdict)
+FILTERS = (
+    number,
+    precision,
+    with_interval,
+    signed,
+    shade,
+    figure,
+    of_few,
+    shares,
+    p_value,
+    verdict,
+)
 """What templates format figures by."""

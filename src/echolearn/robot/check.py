@@ -91,6 +91,8 @@ def _refusal(survey: Path, refused: Sequence[str], *, unfit: Sequence[str]) -> B
         unfit: why the bundle does not take it.
     """
     first, *others = [*refused, *unfit]
+    # What is wrong with a survey or its files begins with its folder, as this line does.
+    first = first.removeprefix(f"{survey}: ").removeprefix(f"{survey}/")
     more = f" (and {len(others)} more)" if others else ""
     alone = "" if refused else "; bundle=null asks about the recordings alone"
     return BadValue(f"{survey}: map would refuse it: {first}{more}{alone}")
