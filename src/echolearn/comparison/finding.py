@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from glob import escape
 from pathlib import Path
 
-from echolearn.checks import check, suggest
+from echolearn.checks import check
 from echolearn.dataset.labelled_set import FORMAT
 from echolearn.storage.advice import assignment, command_line
 from echolearn.storage.files import sha256
@@ -44,7 +44,7 @@ def find_set(runs: Path, name: str, *, key: str = "tested") -> Path:
     found = [each for each in named if load_manifest(each).get("format") == FORMAT]
     made = command_line("generate", assignment("plan", name), runs=runs)
     known = {each.parent.name.rpartition("-")[0] for each in runs.glob(f"data/*/{MANIFEST}")}
-    hint = _other_hint(name, wanted="set", runs=runs, known=known) or f"run: {made}"
+    hint = _other_hint(name, wanted="set", runs=runs, known=known, make=made)
     if found:
         hint = "remove the outdated: " + ", ".join(map(str, found))
     elif named:
@@ -54,19 +54,21 @@ def find_set(runs: Path, name: str, *, key: str = "tested") -> Path:
     return found[0]
 
 
-def _other_hint(name: str, *, wanted: str, runs: Path, known: Collection[str]) -> str:
-    """Return where else a name leads, or which known one it is nearly; or nothing.
+def _other_hint(name: str, *, wanted: str, runs: Path, known: Collection[str], make: str) -> str:
+    """Return where else a name leads, or which known one it is nearly, and what makes it.
 
     Args:
         name: that was not found.
         wanted: kind of folder, of `storage.kinds`.
         runs: folder of everything generated.
         known: names of folders of that kind.
+        make: command that makes what has this name.
     """
-    # Of names that differ in a number each is as likely meant as typed.
-    near = [each for each in sorted(known) if re.sub(r"\d", "", each) != re.sub(r"\d", "", name)]
     found = elsewhere(name, wanted=wanted, runs=runs)
-    return found or (suggest(name, near) if get_close_matches(name, near, n=1) else "")
+    # Names that differ in a number, or end alike, may both be meant: only a slip is near.
+    others = [each for each in sorted(known) if re.sub(r"\d", "", each) != re.sub(r"\d", "", name)]
+    near = get_close_matches(name, others, n=1, cutoff=0.8)
+    return found or "".join(f"did you mean {each}? else " for each in near) + f"run: {make}"
 
 
 def find_survey(runs: Path, name: str, *, key: str = "surveys") -> Path:
@@ -90,14 +92,14 @@ def find_survey(runs: Path, name: str, *, key: str = "surveys") -> Path:
     # Names of surveys begin like this unless they are given.
     usual = re.fullmatch(r"(\w+)_(-?[\d.]+)dB", name)
     words = [f"room={usual[1]}", f"snr_db={usual[2]}"] if usual else [assignment("name", name)]
-    hint = f"run: {command_line('survey', *words, runs=runs)}"
+    make = command_line("survey", *words, runs=runs)
     imported = re.fullmatch(r"(\w+)_(-?[\d.]+)dB_(\d+)", name)
     if imported:
         words = [f"source={imported[1]}", f"snr_db={imported[2]}", f"draw={imported[3]}"]
-        hint = f"run: {command_line('import', *words, runs=runs)}"
+        make = command_line("import", *words, runs=runs)
     if not finished:
         known = {each.parent.name for each in runs.glob("survey/*/survey.yaml")}
-        hint = _other_hint(name, wanted="survey", runs=runs, known=known) or hint
+        hint = _other_hint(name, wanted="survey", runs=runs, known=known, make=make)
         check(False, key, name, allowed=allowed, hint=hint)
     return folder
 
