@@ -21,7 +21,7 @@ from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Pose
 from echolearn.checks import BadValue
 from echolearn.cli.main import main
-from echolearn.evaluation.map_metrics import MAP_TOLERANCE
+from echolearn.evaluation.labelling import MAP_TOLERANCE
 from echolearn.mapping.mapped_walk import BAG
 from echolearn.robot.scorer import load
 from echolearn.robot.survey_map import map_survey, score_survey

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from echolearn.acoustics.geometry import SearchWindow
-from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.checks import BadValue
 from echolearn.comparison.conditions import joint_snr_db, room_of
 from echolearn.evaluation import stats
-from echolearn.evaluation.map_metrics import MAP_TOLERANCE
+from echolearn.evaluation.labelling import on_map
 from echolearn.evaluation.rows import LabelledRows, LocalizedSurvey, Recordings
 from echolearn.localization.columns import COLUMNS, TENSORS
 from echolearn.localization.localize import localize
@@ -87,7 +86,7 @@ def localize_survey(
             room=room_of(survey.conditions, Path(folder).name),
             localizer=name,
         ),
-        reference=distance_to_outline(every, survey.walls) <= MAP_TOLERANCE,
+        reference=on_map(every, survey.walls),
         groups=poses,
         joint_snr_db=np.full(len(poses), joint_snr_db(survey.conditions)),
         weights=stats.cluster_weights(poses, resamples=resamples),

@@ -16,14 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Echoes
 from echolearn.checks import BadValue, check
 from echolearn.comparison.conditions import joint_snr_db, room_of
 from echolearn.comparison.localized import is_measured, localized, opened_survey
 from echolearn.evaluation import stats
-from echolearn.evaluation.labelling import Labels, joined, label_echoes
-from echolearn.evaluation.map_metrics import MAP_TOLERANCE
+from echolearn.evaluation.labelling import Labels, joined, label_echoes, on_map
 from echolearn.evaluation.rows import LabelledRows, MeasuredRows, Recordings
 from echolearn.localization.localizer import Localizer
 from echolearn.mapping.echo_map import echo_map
@@ -198,7 +196,7 @@ def labels_of(survey: Survey, echoes: Echoes) -> Labels:
     check(known, f"{place} walls", None, allowed=allowed)
     about: Any = {"array": survey.array, "speed_of_sound": survey.speed_of_sound}
     points = echo_map(echoes, survey.poses, **about).points
-    return Labels(distance_to_outline(points, np.asarray(survey.walls)) <= MAP_TOLERANCE, None)
+    return Labels(on_map(points, np.asarray(survey.walls)), None)
 
 
 def places_of(survey: Survey) -> list[str]:

@@ -30,8 +30,7 @@ from echolearn.comparison.recorded import health_of, is_examined
 from echolearn.dataset.labelled_set import FORMAT, RECORDED
 from echolearn.dataset.records import structured
 from echolearn.dataset.roles import ROLES
-from echolearn.evaluation.labelling import label_echoes
-from echolearn.evaluation.map_metrics import MAP_TOLERANCE
+from echolearn.evaluation.labelling import MAP_TOLERANCE, label_echoes
 from echolearn.evaluation.matching import TOA_TOLERANCE_SAMPLES
 from echolearn.localization.localizer import Localizer
 from echolearn.mapping.echo_map import echo_map

@@ -34,14 +34,13 @@ import numpy as np
 
 from echolearn.acoustics.bistatic import wall_points
 from echolearn.acoustics.rooms import check_inside, outline, size_of, true_echoes
-from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.signals import noise_covariance, noise_psd
 from echolearn.acoustics.streams import stream
 from echolearn.acoustics.types import Array, Observation
 from echolearn.dataset import derived
 from echolearn.dataset.plans import Plan, Spot
 from echolearn.dataset.torch_filters import filters_of
-from echolearn.evaluation.map_metrics import MAP_TOLERANCE
+from echolearn.evaluation.labelling import on_map
 from echolearn.evaluation.matching import (
     TOA_TOLERANCE_SAMPLES,
     UNMATCHED,
@@ -206,7 +205,7 @@ def _labels(estimates: Array, points: Array, *, spot: Spot, plan: Plan) -> dict[
     padded[: len(truth)] = truth
     found = {
         "reflector": wall != UNMATCHED,
-        "on_map": distance_to_outline(points, outline(spot.room)) <= MAP_TOLERANCE,
+        "on_map": on_map(points, outline(spot.room)),
         "truth_toa": np.tile(padded, (len(toa), 1)),
     }
     if scene.array.centre.any() or not plan.boxes:

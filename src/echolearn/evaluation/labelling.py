@@ -1,8 +1,8 @@
-"""Which estimated echoes of a walk are true, by the true echoes of each pose.
+"""Which estimated echoes are true: the labels of a row.
 
-Two labels: by time alone, within 10 samples of a true echo (`reflector`), and by time and
+By the true echoes of a pose: by time alone, within 10 samples of one (`reflector`), and by time and
 direction, within 10 degrees of it as well (`time_and_direction`). Each true echo serves one
-estimate.
+estimate. By the room's outline: the echo's map point lies within 0.10 m of it (`on_map`).
 """
 
 from collections.abc import Sequence
@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Echoes, MicArray, Truth
 from echolearn.evaluation.matching import (
     TOA_TOLERANCE_SAMPLES,
@@ -19,12 +20,20 @@ from echolearn.evaluation.matching import (
 )
 from echolearn.evaluation.metrics import rates
 
+MAP_TOLERANCE = 0.10
+"""m; a map point this close to a wall is true."""
+
 
 class Labels(NamedTuple):
     """Truth of B echoes, each of shape (B,), bool; None where it is not known."""
 
     strict: Array | None
     by_time: Array | None
+
+
+def on_map(points: Array, sides: Array) -> Array:
+    """Return which map points (P, 2) lie on one of the sides (S, 2, 2) of a floor plan."""
+    return np.asarray(distance_to_outline(points, sides) <= MAP_TOLERANCE)
 
 
 def label_echoes(

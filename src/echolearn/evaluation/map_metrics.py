@@ -13,6 +13,7 @@ import numpy as np
 from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array
 from echolearn.evaluation import coverage
+from echolearn.evaluation.labelling import MAP_TOLERANCE
 from echolearn.evaluation.metrics import (
     each_weight,
     expected_calibration_error,
@@ -20,9 +21,6 @@ from echolearn.evaluation.metrics import (
     rates,
     ratio,
 )
-
-MAP_TOLERANCE = 0.10
-"""m; a map point this close to a wall is true."""
 
 
 def error_mean(error: Array, kept: Array, *, weights: Array | None = None) -> Array:

@@ -24,10 +24,9 @@ from echolearn.acoustics.bistatic import wall_points
 from echolearn.acoustics.geometry import SearchWindow, direction
 from echolearn.acoustics.polygon_room import AnyRoom
 from echolearn.acoustics.rooms import outline, true_echoes
-from echolearn.acoustics.sides import distance_to_outline
 from echolearn.acoustics.types import Array, Observation, Pose
 from echolearn.checks import BadValue
-from echolearn.evaluation.map_metrics import MAP_TOLERANCE
+from echolearn.evaluation.labelling import on_map
 from echolearn.localization.localizer import Localizer
 from echolearn.localization.silence import SilentMicrophone
 from echolearn.simulation.scene import Scene
@@ -111,6 +110,6 @@ def is_right(estimates: Array, *, room: AnyRoom, pose: Pose, scene: Scene) -> Ar
         late[trial, matched] < TOLERANCE_SAMPLES,
         away[trial, matched] <= TOLERANCE_DEGREES,
         (away <= TOLERANCE_DEGREES).any(axis=1),
-        distance_to_outline(points, outline(room)) <= MAP_TOLERANCE,
+        on_map(points, outline(room)),
     )
     return np.stack(right, axis=1).astype(float)
