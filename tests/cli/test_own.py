@@ -106,6 +106,8 @@ def test_a_classifier_of_ones_own_is_trained_and_its_run_says_where_it_comes_fro
     ]
     words += ["scene.probe.length=6000", "localizer.azimuths=36"]
     assert main(["generate", *words, "engine=serial"]) == 0
+    # Asked before the folder is named, which an earlier answer must not hide.
+    assert main(["train", *words, "classifier=plain_score"]) == 2
     assert main(["train", *words, "classifier=plain_score", "--config-dir", "mine"]) == 0
     monkeypatch.delitem(sys.modules, "plain")
     runs = list((own / "runs" / "train").iterdir())

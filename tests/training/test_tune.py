@@ -226,7 +226,7 @@ def test_a_space_that_is_none_is_refused(row):
 # Classifiers of walls are not searched yet.
 @pytest.mark.parametrize("name", [n for n in options_of("classifier") if "walls" not in n])
 def test_every_classifier_has_a_space_of_its_own_keys_or_says_that_it_has_none(name):
-    if name.startswith(("threshold", "ensemble", "sklearn")):
+    if name.startswith(("threshold", "ensemble", "sklearn", "adapted")):
         with pytest.raises(BadValue, match="classifier/search/"):
             search_space(name)
         return

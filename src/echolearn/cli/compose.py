@@ -151,9 +151,14 @@ def _spread(override: "Override", *, many: bool) -> list[str]:
     return [f"{key}={value}" for value in values]
 
 
-@cache
 def _options(group: str) -> list[str]:
     """Return the names of a group's files; none if there is no such group."""
+    return _options_in(group, tuple(folders()))
+
+
+@cache
+def _options_in(group: str, places: tuple[Path, ...]) -> list[str]:
+    """Return `_options` of a group; what is remembered is that of these folders."""
     from hydra.core.global_hydra import GlobalHydra
 
     return GlobalHydra.instance().config_loader().get_group_options(group)
@@ -166,7 +171,7 @@ def _configuration(command: str, job: Sequence[str], *, resolve: bool) -> Config
     overrides = [_parse(word) for word in job]
     choosing = [override for override in overrides if _chooses(override)]
     values = [override for override in overrides if override not in choosing]
-    config = _join(command, *map(_choice, choosing))
+    config = _join(command, *map(_choice, choosing), places=tuple(folders()))
     if values:
         # What is joined stays as it is for the next job; copying it takes half of all the time.
         config = copy.deepcopy(config)
@@ -304,8 +309,14 @@ def _choice(override: "Override") -> str:
 
 
 @cache
-def _join(command: str, *choices: str) -> "DictConfig":
-    """Let Hydra join a command's files; `choice` holds the name of each chosen file."""
+def _join(command: str, *choices: str, places: tuple[Path, ...]) -> "DictConfig":
+    """Let Hydra join a command's files; `choice` holds the name of each chosen file.
+
+    Args:
+        command: names the primary configuration.
+        choices: words that choose files.
+        places: folders of the files, by which what was joined before is known.
+    """
     from hydra import compose as join
     from omegaconf import OmegaConf, open_dict
 
