@@ -60,9 +60,8 @@ def test_shown_configurations_compose_build_and_have_all_keys(extended, monkeypa
     """As those do that are there already, among which they are found."""
     found_by = extended / "src" / "echolearn" / "cli" / "own.py"
     monkeypatch.setitem(own.folder.__globals__, "__file__", str(found_by))
-    # What tests before have composed is remembered by the folder of the others.
-    for remembered in (compose._options, compose._join, compose._parse):
-        remembered.cache_clear()
+    # What tests before have read is remembered by the folder of the others.
+    compose._parse.cache_clear()
     for name in FILES:
         room = Path(name).parent
         if room.parts[0] == "src":
