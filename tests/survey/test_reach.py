@@ -1,9 +1,12 @@
 """How far echoes are heard and how long a place rings, against sound whose decay is known."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from echolearn.survey.reach import reach_in
+from echolearn.survey.reach import UNHEARD, reach_in, reach_of
+from echolearn.survey.reader import read_survey
 
 RATE = 22050.0
 
@@ -43,3 +46,9 @@ def test_noise_alone_tells_nothing():
 
 def test_recordings_that_end_at_once_tell_nothing():
     assert np.isnan(reach(decaying(0.5, noise=0.0, seconds=0.005)).t60)
+
+
+def test_a_walk_cut_to_its_window_tells_nothing():
+    """The recordings of the example end before a whole burst came back from where echoes begin."""
+    walk = read_survey(Path(__file__).parents[2] / "examples" / "survey" / "short")
+    assert reach_of(walk) == UNHEARD

@@ -68,10 +68,15 @@ def reach_of(survey: Survey) -> Reach:
 
 
 def energy_by_lag(survey: Survey, first: int) -> Array:
-    """Return the mean square of all correlations with the burst, shape (L,), from a lag on."""
+    """Return the mean square of all correlations with the burst, shape (L,), from a lag on.
+
+    There are none where recordings end before all of the burst came back from there.
+    """
     probe = survey.emitted
     last = probe.length - len(probe.samples)
     total = np.zeros(max(0, last - first + 1))
+    if not len(total):
+        return total
     for block in blocks(survey):
         heard = survey.observe(block).samples[:, survey.used]
         total += np.square(matched_filter(heard, probe, first=first, last=last)).sum(axis=(0, 1))
