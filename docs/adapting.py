@@ -81,7 +81,9 @@ def table(rows: MeasuredRows, before: Run, after: Run) -> Iterator[str]:
             first, second = old(drawn), new(drawn)
             return {key: second[key] - first[key] for key in SHOWN}
 
-        place = "all" if level is None else f"{level:g} dB"
+        true = int(rows.labelled.reference[which].sum())
+        # Of one or two true echoes an interval over places says nothing: how many is told.
+        place = f"{'all' if level is None else f'{level:g} dB'} ({true} true of {which.sum()})"
         lines = {"as it was": old, "adapted": new, "difference": gained}
         for said, evaluate in lines.items():
             found = stats.intervals(evaluate, weights)
